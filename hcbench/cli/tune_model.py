@@ -159,11 +159,8 @@ def _cure(tuned: TunedModel) -> str:
     if not isinstance(registry.engine(facts.engine), HasPlugin):
         return f"Try {step}"
     where = f"--timestep {time_step(facts.timestep)} --pair {quote(joined_names(facts.pair))}"
-    plugin = (
-        f"`hcbench tune {facts.engine} --plugin {where}` with your target prints the plug-in, "
-        "which sets e after each contact exactly"
-    )
-    return f"{plugin}; or try {step}"
+    plugin = f"the exact plug-in, `hcbench tune {facts.engine} --plugin {where}` and your target"
+    return f"Try {plugin}; or {step}"
 
 
 def _reasons(tuned: TunedModel, limit: float) -> list[str]:

@@ -17,6 +17,7 @@ from hcbench.measuring.curve import CurvePoint, curve_of
 from hcbench.sim import simulate
 from hcbench.sim.loads import Carried, LandingPeak
 from hcbench.sim.passivity import MOST_E
+from hcbench.sim.read_impact import SpeedReading
 from hcbench.system.errors import HcbenchError
 from hcbench.system.text import number, time_step
 from hcbench.terms.impact import Launch, Status
@@ -40,6 +41,8 @@ SHARES_OF_STEP = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 _STEPS_TO_FIT = 3
 # A force that differs from all springs with dampers by more than this share is none of them.
 _MISFIT_MAX = 0.1
+# A launch that gains energy may be one of few phases.
+_PHASES = 32
 # A touch is followed for so many steps at a time, and at most.
 _ADVANCED = 32
 _FOLLOWED = 1024
@@ -157,13 +160,11 @@ def contact_over_steps(
 
     at_step: opens the same pair at a time step, s.
     """
-    launches = _straight(request, max(request.speeds))
+    many = replace(request, phases=tuple((k + 0.5) / _PHASES for k in range(_PHASES)))
+    launches = _straight(many, max(request.speeds))
     steps = []
     for share in SHARES_OF_STEP:
-        if share == 1.0:
-            steps.append(ContactStep(timestep, meaning.impacts[-1].point))
-        else:
-            steps.append(_at_another_step(share * timestep, launches, at_step))
+        steps.append(_at_another_step(share * timestep, launches, at_step))
         if share > 1.0 and not steps[-1].is_stable:
             break
     return replace(meaning, steps=tuple(steps))
@@ -205,8 +206,10 @@ def _impact(model: ModelUnderTest, launches: Sequence[Launch]) -> ContactImpact:
     stiffness = damping = misfit = math.nan
     if min(touch.shape[1] for touch in touches) >= _STEPS_TO_FIT:
         stiffness, damping, misfit = spring_and_damper(*np.concatenate(touches, axis=1))
-        if not (stiffness > 0.0 and misfit <= _MISFIT_MAX):
-            # Such as impulses that stop a body within a step: no spring is like that.
+        of_stages = model.speed_reading is SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
+        if of_stages or not (stiffness > 0.0 and misfit <= _MISFIT_MAX):
+            # Such as impulses that stop a body within a step: no spring is like that. RK4 tells the
+            # force of a stage beside the depth of the step.
             stiffness = damping = math.nan
     facts = model.facts()
     ratio = math.nan
@@ -277,9 +280,18 @@ def as_lines(meaning: ContactMeaning) -> list[str]:
         title = f"peak force over weight, dropped from {100 * peak.height:g} cm"
         rows.append((title, _from_to(peak.lowest, peak.highest, ".3g")))
     rows += _step_rows(meaning.steps)
-    largest = meaning.largest_stable_step
-    rows.append(("largest stable step, s", "none" if math.isnan(largest) else time_step(largest)))
+    speed = f"{_speed(meaning.impacts[-1].point):.3g}"
+    rows.append((f"at {speed} m/s no launch gains up to a step of, s", _largest(meaning)))
     return _two_columns(rows)
+
+
+def _largest(meaning: ContactMeaning) -> str:
+    """The largest stable step as text."""
+    largest = meaning.largest_stable_step
+    if math.isnan(largest):
+        return "none"
+    is_last = largest == meaning.steps[-1].timestep
+    return f"{time_step(largest)} or more" if is_last else time_step(largest)
 
 
 # A title and its value; of impacts, the value at the slowest and at the fastest.

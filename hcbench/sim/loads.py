@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from hcbench.sim.rest import Rest
+    from hcbench.terms.impact import Floats
 
 # How every engine loads a contact.
 
@@ -15,7 +20,7 @@ PRESSED_S = 1.0
 LAST = 0.2
 # Bounds the time of a press at short steps.
 PRESSED_STEPS = 5000
-# A pair bears a load if the contact's force is within this share of it.
+# A pair bears a load if the contact's force is within this share of it, and varies by less.
 _BEARS = 0.1
 # A push along the plate is so many times the friction that the model asks for: the pair slides.
 _PUSH = 2.0
@@ -59,12 +64,20 @@ class Load:
     penetration: float
 
 
-def borne(times: float, own: float, force: float, penetration: float) -> Load:
-    """A load of so many times its own, N; without numbers where the contact's force, N, is not that.
+def rests(rest: Rest) -> bool:
+    """Say whether a body lies still: a contact that hammers has a mean force, and no depth at it."""
+    return not rest.force_noise > _BEARS
 
-    penetration: m.
+
+def borne(times: float, own: float, rows: Floats) -> Load:
+    """A load of so many times its own, N; without numbers where the contact's force is not that, or
+    does not stay.
+
+    rows: (n, 2) of the last steps: force, N; penetration, m.
     """
-    if not abs(force / (times * own) - 1.0) < _BEARS:
+    force, penetration = rows.mean(axis=0).tolist()
+    noise = float(rows[:, 0].std())
+    if not (abs(force / (times * own) - 1.0) < _BEARS and noise < _BEARS * force):
         return Load(times, math.nan, math.nan)
     return Load(times, force, penetration)
 

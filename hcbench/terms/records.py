@@ -298,7 +298,7 @@ CONTACT = (
     Field(
         "largest_stable_step",
         "s",
-        "largest time step of `steps` up to which each launch has an e of 1 at most",
+        "largest time step of `steps` up to which none of the fastest launches gains energy",
     ),
 )
 CONTACT_IMPACT = (

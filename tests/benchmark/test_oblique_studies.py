@@ -107,7 +107,7 @@ def test_a_study_without_angles_has_no_such_table() -> None:
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
-        ("angles", "60", "below 1.5708 rad"),
+        ("angles", "60", "below 90 deg"),
         ("angles", "-5 deg", "0 rad or more"),
         ("spin", "40 Hz", "60 rpm"),
         ("spin", "1, 2 rad/s", "one number, or three"),

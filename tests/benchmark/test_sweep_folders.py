@@ -23,7 +23,7 @@ from hcbench.benchmark.read import is_sweep, read
 from hcbench.benchmark.run import sweep
 from hcbench.benchmark.store import Store
 from hcbench.benchmark.study import study_from
-from hcbench.system.errors import CannotRun, OutputError, UserError
+from hcbench.system.errors import CannotRun, HcbenchError, OutputError, UserError
 
 pytestmark = pytest.mark.usefixtures("small_parts", "without_processes")
 
@@ -128,7 +128,7 @@ def test_without_flock_one_sweep_at_a_time_writes_all_the_same(
 def test_a_folder_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for where in (tmp_path / "file" / "out", Path("/proc/out")):
-        with pytest.raises(UserError, match="folder"):
+        with pytest.raises(HcbenchError, match=r"^folder: "):
             sweep(study_from(small()), where)
 
 

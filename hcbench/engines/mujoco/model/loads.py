@@ -26,11 +26,19 @@ from hcbench.sim.loads import (
     borne,
     creep_of,
     push_of,
+    rests,
 )
 
 if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.open import OpenedModel
     from hcbench.terms.impact import Floats
+
+
+# A normal within this cosine of gravity is level.
+_LEVEL = math.cos(math.radians(0.5))
+# Joints that let a part move along the plate less than this share of how it moves along the normal
+# guide it: friction does not hold it.
+_GUIDED = 0.02
 
 
 class _Touch:
@@ -70,7 +78,7 @@ def carried_by(opened: OpenedModel) -> Carried:
     while the contact holds.
     """
     rest, data = laid_down(opened)
-    if rest is None or not math.isfinite(rest.penetration):
+    if rest is None or not math.isfinite(rest.penetration) or not rests(rest):
         return Carried()
     with captured_warnings():
         backend().mj_forward(opened.model, data)
@@ -81,9 +89,19 @@ def carried_by(opened: OpenedModel) -> Carried:
         loads += [_pressed(opened, data, touch, times) for times in LOADS[1:]]
         ratios = _friction(opened, data, touch)
         slope = creep = math.nan
-        if stands_on_world(opened) and math.isfinite(ratios[0]):
+        # Joints move a leg's foot as it settles: that is no creep of the contact. On a plate that
+        # is tilted already, the slope would be another one.
+        lies_free = not opened.facts().shares and _is_level(opened)
+        if lies_free and stands_on_world(opened) and math.isfinite(ratios[0]):
             slope, creep = _creep(opened, copy.copy(data))
     return Carried(tuple(loads), max(ratios), min(ratios), slope, creep)
+
+
+def _is_level(opened: OpenedModel) -> bool:
+    """True if gravity acts along the normal of the pair."""
+    gravity = np.array(opened.model.opt.gravity)
+    along = abs(float(gravity @ opened.place.contact.normal))
+    return along > _LEVEL * float(np.linalg.norm(gravity))
 
 
 def _creep(opened: OpenedModel, data: Any) -> tuple[float, float]:
@@ -125,19 +143,21 @@ def _pressed(opened: OpenedModel, resting: Any, touch: _Touch, times: float) -> 
     for i in range(last):
         backend().mj_step(model, data)
         rows[i] = force_and_depth(opened, data, sides)
-    force, penetration = rows.mean(axis=0).tolist()
-    return borne(times, touch.normal, force, penetration)
+    return borne(times, touch.normal, rows)
 
 
 def _friction(opened: OpenedModel, resting: Any, touch: _Touch) -> list[float]:
     """Limits of friction over the normal force, along each axis of the contact and between them;
-    NaN alone for parts that joints keep from moving along the plate.
+    NaN alone for parts that joints keep from moving along the plate, and for a body that other
+    contacts hold, too.
 
     The pair is pushed along its plate by more than friction bears: the friction then is at its
     limit, which a pyramid of two axes has lower between them.
     """
-    pair = opened.place.pair
-    ways = [axis for axis in touch.axes if pair.approach_row(resting, touch.point, axis).any()]
+    if _stands_elsewhere(opened, resting):
+        return [math.nan]
+    least = _GUIDED * _mobility(opened, resting, touch.point, opened.place.contact.normal)
+    ways = [axis for axis in touch.axes if _mobility(opened, resting, touch.point, axis) > least]
     if len(ways) > 1:
         ways.append((ways[0] + ways[1]) / math.sqrt(2.0))
     size = push_of(opened.facts().friction, touch.normal)
@@ -153,3 +173,23 @@ def _friction(opened: OpenedModel, resting: Any, touch: _Touch) -> list[float]:
                 limit = max(limit, -float(now.along @ way) / now.normal)
         limits.append(limit)
     return limits or [math.nan]
+
+
+def _mobility(opened: OpenedModel, data: Any, point: Floats, way: Floats) -> float:
+    """Speed of approach along a way that an impulse of 1 N s along it gives the two at a point, 1/kg."""
+    row = opened.place.pair.approach_row(data, point, way)
+    moved = np.zeros((1, opened.model.nv))
+    backend().mj_solveM(opened.model, data, moved, row[None, :])
+    return float(moved[0] @ row)
+
+
+def _stands_elsewhere(opened: OpenedModel, data: Any) -> bool:
+    """True if the rigid part that moves touches something besides the pair: that holds it, too."""
+    sides = opened.place.pair.sides
+    rigid = opened.model.body_weldid
+    moving = rigid[opened.place.pair.first.body]
+    for i in range(data.ncon):
+        geoms = data.contact[i].geom
+        if sides[geoms].sum() != 3 and moving in rigid[opened.model.geom_bodyid[geoms]]:
+            return True
+    return False

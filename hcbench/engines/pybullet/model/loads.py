@@ -137,10 +137,7 @@ class _Resting:
             self.bullet.stepSimulation()
             now = self.touch()
             rows.append((0.0, 0.0) if now is None else (now.normal, now.depth))
-        force, depth = np.mean(rows[-last:], axis=0).tolist()
-        if times == 1.0:
-            return Load(times, force, depth)
-        return borne(times, touch.normal, force, depth)
+        return borne(times, touch.normal, np.array(rows[-last:]))
 
     def friction(self, way: Floats) -> float:
         """Limit of friction over the normal force, along a way in the plate."""
@@ -201,6 +198,9 @@ def carried_by(pair: PairInWorld) -> Carried:
     if not pair.falls or tried(_Resting.touch) is None:
         return Carried()
     loads = [tried(partial(_Resting.pressed, times=times)) for times in LOADS]
+    if math.isnan(loads[0].force):
+        # It hops or hammers.
+        return Carried()
     one, two, _ = plate_frame(pair.place.normal, pair.along)
     ways = (one, two, (one + two) / math.sqrt(2.0))
     limits = [tried(partial(_Resting.friction, way=way)) for way in ways]
