@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -151,6 +152,37 @@ def columns_of(table: Table, asked: str | None = None) -> DataColumns:
 def kind_of(roles: frozenset[str]) -> str | None:
     """The kind of data that columns of these roles are; None for none."""
     return next((kind for needed, kind in DATA_KINDS.items() if needed <= roles), None)
+
+
+# Words for a measurement that is made again, and no bounce after the one before.
+_REPEATED = re.compile(
+    r"\b(?:trial|test|attempt|measurement|versuch|messung|essai|mesure|ensaio|ensayo|prueba|prova)s?\b"
+)
+
+
+def require_each_bounce(columns: DataColumns) -> None:
+    """Raise UserError where a column beside successive bounces leaves some of their numbers out, or
+    numbers measurements that were made again.
+    """
+    table = columns.table
+    for at, (name, unit) in enumerate(table.header):
+        if unit or at in columns.places.values():
+            continue
+        numbers = np.sort(table.numbers(at))
+        is_whole = bool(np.isfinite(numbers).all()) and np.array_equal(numbers, np.round(numbers))
+        steps = np.diff(numbers)
+        if not is_whole or not len(steps) or not (steps > 0.0).all():
+            continue
+        if _REPEATED.search(name):
+            got = f"a row for each {name!r}"
+            raise UserError(table.name, got, "successive bounces of one drop")
+        found = meanings_of(name)
+        if found & {"bounce", "touch"} and found <= {"number", "bounce", "touch"}:
+            missing = np.flatnonzero(steps > 1.0)
+            if missing.size:
+                before, after = (int(numbers[k]) for k in (missing[0], missing[0] + 1))
+                got = f"{name!r} {before}, then {after}"
+                raise UserError(table.name, got, "each bounce, one after the other")
 
 
 def row_order(columns: DataColumns) -> Indices | None:

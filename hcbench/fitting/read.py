@@ -18,7 +18,7 @@ from hcbench.fitting.column_names import (
     meanings_of,
     role_of,
 )
-from hcbench.fitting.columns import DataColumns, columns_of, kind_of, row_order
+from hcbench.fitting.columns import DataColumns, columns_of, kind_of, require_each_bounce, row_order
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.force import fit_loop, fit_pulse
 from hcbench.fitting.heights import Heights, SpeedPairs
@@ -267,6 +267,8 @@ def _complete(columns: DataColumns, kind: str) -> DataColumns:
     if kind in ("times", "heights"):
         kept = np.arange(kept[0], kept[-1] + 1)
     columns = columns.taken(kept.tolist())
+    if kind in ("times", "heights"):
+        require_each_bounce(columns)
     order = row_order(columns)
     if order is not None and kind in ("times", "heights"):
         return columns.taken(order.tolist())
@@ -587,6 +589,9 @@ def _rises(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     """
     before = columns.get("height_in")
     after = columns.get("height_out")
+    name, _ = columns.table.header[columns.places["height_out"]]
+    if any(int(number) > 1 for number in re.findall(r"\d+", name)):
+        raise UserError(columns.table.name, f"{name!r}", "the height of the first rebound")
     columns.require("height_in", before > 0, "above 0")
     columns.require(
         "height_out", (after >= 0) & (after <= before), "from 0 to the height of the drop"

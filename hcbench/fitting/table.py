@@ -51,6 +51,13 @@ _LATEST = 4e9
 _MOST_HEADER_ROWS = 6
 # Rows after which another header begins another table.
 _LEAST_ROWS = 2
+# A name that computes with its quantity: "2t", "100 h", "1 - e"; "t/2", "h / 10^-2"; "h + 6"; "e^3".
+_COMPUTES = re.compile(
+    r"\d+(?:[.,]\d+)?\s*[×x*·/−–-]?\s*(?!(?:st|nd|rd|th|er|re|te|ter|o|a)\b)[^\W\d_].*"
+    r"|.*[×*·/]\s*\d+(?:[.,]\d+)?(?:\s*\^\s*[-−]?\d+)?"
+    r"|.*(?:\s[-−–]\s*|\+\s*)\d+(?:[.,]\d+)?"
+    r"|.*\^\s*(?!2\b)\d.*"
+)
 # Words before a number over the rows above.
 _SUMS = (
     "sum",
@@ -123,7 +130,31 @@ class Table:
         """Return a column in SI. Raises UserError for a cell that is not a finite number and for a
         missing unit.
         """
+        self._require_plain(at, quantity)
         return self._in_si(at, quantity, [cell.value for cell in self._read(at)])
+
+    def _require_plain(self, at: int, quantity: str) -> None:
+        """Raise UserError for a name that computes with its quantity, and for a cell whose unit is
+        not that of the header.
+        """
+        name, unit = self.header[at]
+        if _COMPUTES.fullmatch(name):
+            got = f"{name!r} computes with its quantity"
+            advice = "Write the quantity itself, under its name and unit alone"
+            raise UserError(self.name, got, "a plain name", advice)
+        if not unit:
+            return
+        scale = self._scale(at, quantity)
+        for row, line in zip(self.cells, self.lines, strict=True):
+            text = cell_of(row, at)
+            cell = self.style.read(text)
+            # A time of the clock is in seconds under any header.
+            if cell is None or not cell.unit or ":" in text:
+                continue
+            written = plain_unit(cell.unit)
+            if written != unit and unit_scale(self.name, name, written, quantity) != scale:
+                got = f"{text.strip()!r} under {name!r} in {unit}"
+                raise UserError(f"{self.name}, line {line}", got, f"a number in {unit}")
 
     def uncertainty(self, at: int, quantity: str) -> Floats:
         """Standard uncertainties that cells such as "0.20 ± 0.01" have, in SI; 0 for none."""
@@ -520,6 +551,8 @@ def _in_a_row(table: Table) -> list[Table]:
         if len(numbered) < 3 or len({number for number, _ in numbered}) < len(numbered):
             continue
         places = [i for _, i in sorted(numbered)]
+        if _counts_bounces(table, places):
+            return _a_column_each(table, places)
         drops = []
         for k, (row, line) in enumerate(zip(table.cells, table.lines, strict=True), 1):
             cells = [cell_of(row, i) for i in places]
@@ -534,6 +567,38 @@ def _in_a_row(table: Table) -> list[Table]:
             )
         return drops
     return []
+
+
+def _counts_bounces(table: Table, places: Sequence[int]) -> bool:
+    """Say whether a column beside others numbers the rows as bounces: then these go down."""
+    for at, (name, unit) in enumerate(table.header):
+        found = meanings_of(name)
+        if at in places or unit or not found & {"bounce", "touch"}:
+            continue
+        if found <= {"number", "bounce", "touch"} and counts(table.texts(at)):
+            return True
+    return False
+
+
+def _a_column_each(table: Table, places: Sequence[int]) -> list[Table]:
+    """A table for each of the columns at these places, without the cells that are missing."""
+    drops = []
+    for k, at in enumerate(places, 1):
+        rows = [
+            (row[at], line)
+            for row, line in zip(table.cells, table.lines, strict=True)
+            if not is_missing(cell_of(row, at))
+        ]
+        drops.append(
+            replace(
+                table,
+                name=f"{table.name}, drop {k}",
+                header=(table.header[at],),
+                cells=tuple((cell,) for cell, _ in rows),
+                lines=tuple(line for _, line in rows),
+            )
+        )
+    return drops
 
 
 def _side_by_side(table: Table) -> list[Table]:

@@ -6,10 +6,11 @@ import re
 from typing import TYPE_CHECKING
 
 import pytest
+from measured_bounces import EXACT
 
 import hcbench as hb
 from hcbench.fitting.column_names import DATA_KINDS
-from hcbench.fitting.read import KINDS
+from hcbench.fitting.read import KINDS, read_datasets
 from hcbench.system.errors import LONGEST, UserError
 
 if TYPE_CHECKING:
@@ -75,3 +76,56 @@ def test_the_lines_that_a_refusal_shows_are_read(tmp_path: Path, roles: frozense
     with pytest.raises(UserError) as refused:
         read(path)
     assert "unit" not in refused.value.got and "a column" not in refused.value.got
+
+
+DOWN = "0,80.0\n1,51.2\n2,32.8\n3,21.0\n4,13.4\n5,8.6\n"
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        *("n,2h (cm)", "n,100 h (m)", "n,10 h (cm)", "n,h/2 (cm)", "n,height (cm)/2"),
+        *("n,height*2 (cm)", "n,h×10 (cm)", "n,h - 5 (cm)", "n,h+6 (cm)", "n,h / 10^-2 m"),
+        *("n,height / 0.1 m", "n,1 - h (m)"),
+    ],
+)
+def test_a_name_that_computes_is_no_name_of_the_quantity(tmp_path: Path, header: str) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text(f"{header}\n{DOWN}")
+    with pytest.raises(UserError, match="computes with its quantity"):
+        read_datasets(path, EXACT)
+
+
+@pytest.mark.parametrize(
+    "header", ["n,h1 (cm)", "n,h_1 (cm)", "n,height 1 (cm)", "n,height 2 (cm)"]
+)
+def test_a_number_in_a_name_computes_nothing(tmp_path: Path, header: str) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text(f"{header}\n{DOWN}")
+    assert len(read_datasets(path, EXACT)) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("bounce,height (cm)\n0,801 mm\n1,458 mm\n2,297 mm\n", "'801 mm' under 'height' in cm"),
+        ("bounce,height (cm)\n0,80\n2,45\n4,29\n6,19\n", "'bounce' 0, then 2"),
+        ("trial,height (cm)\n1,61.2\n2,60.8\n3,60.1\n", "a row for each 'trial'"),
+        ("drop height (cm),height after 2 bounces (cm)\n80,40\n60,35\n", "first rebound"),
+    ],
+)
+def test_what_a_table_says_beside_its_numbers_counts(tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text(text)
+    with pytest.raises(UserError, match=says):
+        read_datasets(path, EXACT)
+
+
+def test_trials_beside_each_other_are_drops_whose_bounces_go_down(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    rows = [
+        f"{n},{a},{0.99 * a:.3f},{1.01 * a:.3f}" for n, a in enumerate((80.0, 51.2, 32.8, 21.0))
+    ]
+    path.write_text("Bounce,Height 1 (cm),Height 2 (cm),Height 3 (cm)\n" + "\n".join(rows) + "\n")
+    drops = read_datasets(path, EXACT)
+    assert [len(drop.pairs()[0]) for drop in drops] == [3, 3, 3]
