@@ -207,3 +207,43 @@ def test_a_spring_and_a_damper_are_found_beside_a_constant_force() -> None:
 def test_what_was_not_asked_for_is_not_measured() -> None:
     found = measure(text(BALL, CONSTANT), "body,plate", speeds="1", diagnose=False)
     assert found.contact is None
+
+
+# What a stranger's models found: numbers that looked right.
+GUIDED = (
+    '<mujoco><worldbody><geom name="plate" type="plane" size="1 1 1" euler="0 3 0"/>'
+    '<body name="body" pos="0 0 .1"><joint type="slide" axis="0 0 1"/>'
+    '<geom size=".05" mass="1"/></body></worldbody></mujoco>'
+)
+SKIDS = (
+    '<mujoco><worldbody><geom name="plate" type="plane" size="1 1 1"/>'
+    '<body name="drone" pos="0 0 .1"><freejoint/>'
+    '<geom name="body" type="capsule" fromto="-.1 .1 0 .1 .1 0" size=".01" mass=".5"/>'
+    '<geom name="other" type="capsule" fromto="-.1 -.1 0 .1 -.1 0" size=".01" mass=".5"/>'
+    "</body></worldbody></mujoco>"
+)
+RAMP = (
+    '<mujoco><worldbody><geom name="plate" type="plane" size="2 2 1" euler="0 15 0"/>'
+    '<body name="body" pos="0 0 .2" euler="0 15 0"><freejoint/>'
+    '<geom type="box" size=".1 .1 .02" mass="1"/></body></worldbody></mujoco>'
+)
+
+
+@pytest.mark.parametrize("model", [GUIDED, SKIDS])
+def test_friction_alone_does_not_hold_what_joints_guide_or_another_contact_holds(
+    model: str,
+) -> None:
+    carried = meaning(model).carried
+    assert carried.load > 0.0
+    assert math.isnan(carried.weakest)
+    assert math.isnan(carried.creep)
+
+
+def test_on_a_ramp_the_slope_would_be_another_one() -> None:
+    assert math.isnan(meaning(RAMP).carried.creep)
+
+
+def test_the_force_of_a_stage_of_rk4_tells_no_stiffness() -> None:
+    contact = f'condim="1" solref="-4000 -20" {CONSTANT}'
+    found = meaning(text(BALL, contact, option='integrator="RK4"'))
+    assert all(math.isnan(impact.stiffness) for impact in found.impacts)

@@ -45,6 +45,7 @@ COMMANDS = [
     "report my/study.toml --out my/report --jobs 2",
     "sweep my/study.toml --out my/sweep --jobs 2",
     "cases run mujoco pybullet --case C01 --case C09",
+    "randomize my.xml --pair ball,plate --restitution 0.3:0.6 --worlds 16 --out worlds.npz",
     "plugin mujoco",
     "docs howto/tune",
 ]

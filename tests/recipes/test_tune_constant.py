@@ -127,7 +127,7 @@ def bullet(
     try:
         for (i, j), _ in np.ndenumerate(found):
             v = float(speeds[i])
-            p.resetSimulation(client)
+            p.resetSimulation(physicsClientId=client)
             p.setGravity(0, 0, 0, physicsClientId=client)
             p.setTimeStep(timestep, client)
             p.setPhysicsEngineParameter(physicsClientId=client, **options["world"])

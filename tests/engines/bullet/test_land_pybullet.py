@@ -14,6 +14,7 @@ from hcbench.system.errors import UserError
 from hcbench.workers import process
 
 p = pytest.importorskip("pybullet")
+BulletClient = pytest.importorskip("pybullet_utils.bullet_client").BulletClient
 pytestmark = pytest.mark.skipif(not process.CAN_FORK, reason="needs a system that forks")
 
 G = 9.81
@@ -48,27 +49,24 @@ def dropped(files: list[str], height: float) -> tuple[float, float]:
     """(speed of the centre of mass at the first push, m/s; largest force over the weight): what the
     momentum of trunk and foot, both moving along z, changes by beside gravity.
     """
-    client = p.connect(p.DIRECT)
-    try:
-        p.resetSimulation()
-        robot, _ = p.loadURDF(files[0], [0, 0, 0.5 + 0.22 + height]), p.loadURDF(files[1])
-        p.setGravity(0, 0, -G)
-        p.setJointMotorControl2(robot, 0, p.POSITION_CONTROL, targetPosition=0, force=400)
-        forces, speeds = [], []
-        for _ in range(120):
-            before = _speed(robot)
-            p.stepSimulation()
-            speeds.append(before)
-            forces.append(1.0 + 240.0 * (_speed(robot) - before) / G)
-    finally:
-        p.disconnect(client)
+    world = BulletClient(p.DIRECT)
+    robot = world.loadURDF(files[0], [0, 0, 0.5 + 0.22 + height])
+    world.loadURDF(files[1])
+    world.setGravity(0, 0, -G)
+    world.setJointMotorControl2(robot, 0, p.POSITION_CONTROL, targetPosition=0, force=400)
+    forces, speeds = [], []
+    for _ in range(120):
+        before = _speed(world, robot)
+        world.stepSimulation()
+        speeds.append(before)
+        forces.append(1.0 + 240.0 * (_speed(world, robot) - before) / G)
     first = int(np.argmax(np.array(forces) > 0.1))
     return -speeds[first], max(forces)
 
 
-def _speed(robot: int) -> float:
-    foot = p.getLinkState(robot, 0, computeLinkVelocity=1, computeForwardKinematics=1)[6]
-    return float((2.0 * p.getBaseVelocity(robot)[0][2] + 0.5 * foot[2]) / 2.5)
+def _speed(world: Any, robot: int) -> float:
+    foot = world.getLinkState(robot, 0, computeLinkVelocity=1, computeForwardKinematics=1)[6]
+    return float((2.0 * world.getBaseVelocity(robot)[0][2] + 0.5 * foot[2]) / 2.5)
 
 
 def test_a_landing_is_that_of_a_plain_loop(files: list[str]) -> None:

@@ -19,6 +19,7 @@ from hcbench.measuring.request import make_request
 from hcbench.sim.capabilities import TunesModels
 
 p = pytest.importorskip("pybullet")
+BulletClient = pytest.importorskip("pybullet_utils.bullet_client").BulletClient
 
 BOX = """<robot name="{name}"><link name="base"><inertial><mass value="{mass}"/>
 <inertia ixx="{i}" ixy="0" ixz="0" iyy="{i}" iyz="0" izz="{i}"/></inertial>
@@ -40,19 +41,15 @@ def lies(files: list[str], lines: str, slope: float) -> tuple[float, float]:
     """(way of the block up and down in the last quarter, m; its speed along the slope, m/s): the
     lines run after the files are loaded, 8 s of plain steps.
     """
-    client = p.connect(p.DIRECT)
-    try:
-        p.resetSimulation()
-        block = p.loadURDF(files[0], [0, 0, 0.55])
-        floor = p.loadURDF(files[1])
-        p.setGravity(G * math.sin(slope), 0, -G * math.cos(slope))
-        exec(lines, {"p": p, "block": block, "floor": floor})
-        path = []
-        for _ in range(round(240 * SECONDS)):
-            p.stepSimulation()
-            path.append(p.getBasePositionAndOrientation(block)[0])
-    finally:
-        p.disconnect(client)
+    world = BulletClient(p.DIRECT)
+    block = world.loadURDF(files[0], [0, 0, 0.55])
+    floor = world.loadURDF(files[1])
+    world.setGravity(G * math.sin(slope), 0, -G * math.cos(slope))
+    exec(lines, {"p": world, "block": block, "floor": floor})
+    path = []
+    for _ in range(round(240 * SECONDS)):
+        world.stepSimulation()
+        path.append(world.getBasePositionAndOrientation(block)[0])
     last = np.array(path[3 * len(path) // 4 :])
     return float(np.ptp(last[:, 2])), float(last[-1, 0] - last[0, 0]) / (SECONDS / 4)
 

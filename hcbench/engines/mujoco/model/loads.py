@@ -89,7 +89,7 @@ def carried_by(opened: OpenedModel) -> Carried:
         loads += [_pressed(opened, data, touch, times) for times in LOADS[1:]]
         ratios = _friction(opened, data, touch)
         slope = creep = math.nan
-        # Joints move a leg's foot as it settles: that is no creep of the contact. On a plate that
+        # Joints move a leg's foot as it settles: the contact itself does not creep. On a plate that
         # is tilted already, the slope would be another one.
         lies_free = not opened.facts().shares and _is_level(opened)
         if lies_free and stands_on_world(opened) and math.isfinite(ratios[0]):
