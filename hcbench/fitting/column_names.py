@@ -404,6 +404,12 @@ def is_beside(name: str) -> bool:
     return bool(found) and (found <= _BESIDE or "beside" in found)
 
 
+def numbers_bounces(name: str) -> bool:
+    """Say whether a name tells of the numbers of bounces or touches, and of nothing else."""
+    found = meanings_of(name)
+    return bool(found & {"bounce", "touch"}) and found <= {"number", "bounce", "touch"}
+
+
 def is_group(name: str) -> bool:
     """Say whether a column tells one ball or plate from another."""
     return meanings_of(name) == {"group"} or _words(name) in (

@@ -18,6 +18,7 @@ from hcbench.fitting.column_names import (
     is_group,
     is_unit_of,
     meanings_of,
+    numbers_bounces,
     role_of,
 )
 from hcbench.fitting.separators import counts
@@ -26,7 +27,7 @@ from hcbench.fitting.track import seen_fall
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from numpy.typing import ArrayLike
 
@@ -164,44 +165,38 @@ def require_each_bounce(columns: DataColumns) -> None:
     """Raise UserError where a column beside successive bounces leaves some of their numbers out, or
     numbers measurements that were made again.
     """
-    table = columns.table
-    for at, (name, unit) in enumerate(table.header):
-        if unit or at in columns.places.values():
-            continue
-        numbers = np.sort(table.numbers(at))
-        is_whole = bool(np.isfinite(numbers).all()) and np.array_equal(numbers, np.round(numbers))
-        steps = np.diff(numbers)
-        if not is_whole or not len(steps) or not (steps > 0.0).all():
-            continue
-        if _REPEATED.search(name):
+    for name, unsorted in _numbers_of_rows(columns):
+        numbers = np.sort(unsorted)
+        if _REPEATED.search(name) and len(numbers) > 1:
             got = f"a row for each {name!r}"
-            raise UserError(table.name, got, "successive bounces of one drop")
-        found = meanings_of(name)
-        if found & {"bounce", "touch"} and found <= {"number", "bounce", "touch"}:
-            missing = np.flatnonzero(steps > 1.0)
-            if missing.size:
-                before, after = (int(numbers[k]) for k in (missing[0], missing[0] + 1))
-                got = f"{name!r} {before}, then {after}"
-                raise UserError(table.name, got, "each bounce, one after the other")
+            raise UserError(columns.table.name, got, "successive bounces of one drop")
+        missing = np.flatnonzero(np.diff(numbers) > 1.0)
+        if numbers_bounces(name) and missing.size:
+            before, after = (int(numbers[k]) for k in (missing[0], missing[0] + 1))
+            got = f"{name!r} {before}, then {after}"
+            raise UserError(columns.table.name, got, "each bounce, one after the other")
 
 
 def row_order(columns: DataColumns) -> Indices | None:
     """The order of rows by their numbers, where a column numbers them and they do not rise; else None."""
+    for name, numbers in _numbers_of_rows(columns):
+        found = meanings_of(name)
+        is_count = bool(found) and found <= {"number", "bounce", "touch", "drop"}
+        if is_count and (np.diff(numbers) < 0).any():
+            return np.argsort(numbers)
+    return None
+
+
+def _numbers_of_rows(columns: DataColumns) -> Iterator[tuple[str, Floats]]:
+    """(name, numbers) of each column beside the data that gives each row a whole number of its own."""
     table = columns.table
     for at, (name, unit) in enumerate(table.header):
-        is_count = bool(meanings_of(name)) and meanings_of(name) <= {
-            "number",
-            "bounce",
-            "touch",
-            "drop",
-        }
-        if not is_count or unit or at in columns.places.values():
+        if unit or at in columns.places.values():
             continue
         numbers = table.numbers(at)
         is_whole = bool(np.isfinite(numbers).all()) and np.array_equal(numbers, np.round(numbers))
-        if is_whole and len(set(numbers.tolist())) == len(numbers) and (np.diff(numbers) < 0).any():
-            return np.argsort(numbers)
-    return None
+        if is_whole and len(set(numbers.tolist())) == len(numbers):
+            yield name, numbers
 
 
 def _require_one_ball(table: Table, at: int) -> None:

@@ -20,6 +20,7 @@ from hcbench.fitting.column_names import (
     is_unit,
     is_unit_of,
     meanings_of,
+    numbers_bounces,
     of_file,
     plain_unit,
     role_of,
@@ -130,12 +131,13 @@ class Table:
         """Return a column in SI. Raises UserError for a cell that is not a finite number and for a
         missing unit.
         """
-        self._require_plain(at, quantity)
-        return self._in_si(at, quantity, [cell.value for cell in self._read(at)])
+        cells = self._read(at)
+        self._require_plain(at, quantity, cells)
+        return self._in_si(at, quantity, [cell.value for cell in cells])
 
-    def _require_plain(self, at: int, quantity: str) -> None:
-        """Raise UserError for a name that computes with its quantity, and for a cell whose unit is
-        not that of the header.
+    def _require_plain(self, at: int, quantity: str, cells: Sequence[NumberCell]) -> None:
+        """Raise UserError for a name that computes with its quantity, and for one of its cells whose
+        unit is not that of the header.
         """
         name, unit = self.header[at]
         if _COMPUTES.fullmatch(name):
@@ -145,11 +147,9 @@ class Table:
         if not unit:
             return
         scale = self._scale(at, quantity)
-        for row, line in zip(self.cells, self.lines, strict=True):
-            text = cell_of(row, at)
-            cell = self.style.read(text)
+        for cell, text, line in zip(cells, self.texts(at), self.lines, strict=True):
             # A time of the clock is in seconds under any header.
-            if cell is None or not cell.unit or ":" in text:
+            if not cell.unit or ":" in text:
                 continue
             written = plain_unit(cell.unit)
             if written != unit and unit_scale(self.name, name, written, quantity) != scale:
@@ -572,10 +572,7 @@ def _in_a_row(table: Table) -> list[Table]:
 def _counts_bounces(table: Table, places: Sequence[int]) -> bool:
     """Say whether a column beside others numbers the rows as bounces: then these go down."""
     for at, (name, unit) in enumerate(table.header):
-        found = meanings_of(name)
-        if at in places or unit or not found & {"bounce", "touch"}:
-            continue
-        if found <= {"number", "bounce", "touch"} and counts(table.texts(at)):
+        if at not in places and not unit and numbers_bounces(name) and counts(table.texts(at)):
             return True
     return False
 

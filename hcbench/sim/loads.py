@@ -52,7 +52,7 @@ def creep_of(drift: float, spin: float, lever: float) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Load:
+class BorneLoad:
     """A pair at rest, pressed together along its normal.
 
     times: of the force at rest. force: that the contact bears, N. penetration: m. NaN where the
@@ -69,7 +69,7 @@ def rests(rest: Rest) -> bool:
     return not rest.force_noise > _BEARS
 
 
-def borne(times: float, own: float, rows: Floats) -> Load:
+def borne(times: float, own: float, rows: Floats) -> BorneLoad:
     """A load of so many times its own, N; without numbers where the contact's force is not that, or
     does not stay.
 
@@ -78,8 +78,8 @@ def borne(times: float, own: float, rows: Floats) -> Load:
     force, penetration = rows.mean(axis=0).tolist()
     noise = float(rows[:, 0].std())
     if not (abs(force / (times * own) - 1.0) < _BEARS and noise < _BEARS * force):
-        return Load(times, math.nan, math.nan)
-    return Load(times, force, penetration)
+        return BorneLoad(times, math.nan, math.nan)
+    return BorneLoad(times, force, penetration)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class Carried:
     slope: rad, and creep: on it, along it, m/s; of a ball, which rolls, its rolling.
     """
 
-    loads: tuple[Load, ...] = ()
+    loads: tuple[BorneLoad, ...] = ()
     friction: float = math.nan
     weakest: float = math.nan
     slope: float = math.nan

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
+from hcbench.engines.mujoco.model.bodies import effective_mass
 from hcbench.engines.mujoco.model.standing import (
     force_and_depth,
     laid_down,
@@ -21,8 +22,8 @@ from hcbench.sim.loads import (
     PRESSED_S,
     PRESSED_STEPS,
     PUSHED_STEPS,
+    BorneLoad,
     Carried,
-    Load,
     borne,
     creep_of,
     push_of,
@@ -36,12 +37,12 @@ if TYPE_CHECKING:
 
 # A normal within this cosine of gravity is level.
 _LEVEL = math.cos(math.radians(0.5))
-# Joints that let a part move along the plate less than this share of how it moves along the normal
-# guide it: friction does not hold it.
+# A part whose effective mass along the plate is greater than that along the normal, over this share,
+# is guided by joints: friction does not hold it.
 _GUIDED = 0.02
 
 
-class _Touch:
+class _ForceAtTouch:
     """The contact of a pair in a state: force on the moving part, N; the point where it acts, m.
 
     normal: N, apart. along: friction, (3,) in the world. axes: along the plate, (2, 3).
@@ -82,10 +83,10 @@ def carried_by(opened: OpenedModel) -> Carried:
         return Carried()
     with captured_warnings():
         backend().mj_forward(opened.model, data)
-        touch = _Touch(opened, data)
+        touch = _ForceAtTouch(opened, data)
         if not touch.normal > 0.0:
             return Carried()
-        loads = [Load(1.0, touch.normal, rest.penetration)]
+        loads = [BorneLoad(1.0, touch.normal, rest.penetration)]
         loads += [_pressed(opened, data, touch, times) for times in LOADS[1:]]
         ratios = _friction(opened, data, touch)
         slope = creep = math.nan
@@ -113,11 +114,11 @@ def _creep(opened: OpenedModel, data: Any) -> tuple[float, float]:
     turns = np.zeros((3, opened.model.nv))
     backend().mj_jacBody(opened.model, data, None, turns, body)
     spin = float(np.linalg.norm(turns @ data.qvel))
-    lever = float(np.linalg.norm(_Touch(opened, data).point - data.xipos[body]))
+    lever = float(np.linalg.norm(_ForceAtTouch(opened, data).point - data.xipos[body]))
     return slope, creep_of(rest.drift, spin, lever)
 
 
-def _push(opened: OpenedModel, data: Any, touch: _Touch, force: Floats) -> None:
+def _push(opened: OpenedModel, data: Any, touch: _ForceAtTouch, force: Floats) -> None:
     """Let a force, N, (3,), act on the moving part where the two touch, and its opposite on the
     other.
     """
@@ -129,7 +130,7 @@ def _push(opened: OpenedModel, data: Any, touch: _Touch, force: Floats) -> None:
             data.xfrc_applied[body, 3:] = sign * np.cross(lever, force)
 
 
-def _pressed(opened: OpenedModel, resting: Any, touch: _Touch, times: float) -> Load:
+def _pressed(opened: OpenedModel, resting: Any, touch: _ForceAtTouch, times: float) -> BorneLoad:
     """The pair under so many times its force at rest."""
     model = opened.model
     data = copy.copy(resting)
@@ -146,7 +147,7 @@ def _pressed(opened: OpenedModel, resting: Any, touch: _Touch, times: float) -> 
     return borne(times, touch.normal, rows)
 
 
-def _friction(opened: OpenedModel, resting: Any, touch: _Touch) -> list[float]:
+def _friction(opened: OpenedModel, resting: Any, touch: _ForceAtTouch) -> list[float]:
     """Limits of friction over the normal force, along each axis of the contact and between them;
     NaN alone for parts that joints keep from moving along the plate, and for a body that other
     contacts hold, too.
@@ -156,8 +157,13 @@ def _friction(opened: OpenedModel, resting: Any, touch: _Touch) -> list[float]:
     """
     if _stands_elsewhere(opened, resting):
         return [math.nan]
-    least = _GUIDED * _mobility(opened, resting, touch.point, opened.place.contact.normal)
-    ways = [axis for axis in touch.axes if _mobility(opened, resting, touch.point, axis) > least]
+
+    def mass(way: Floats) -> float:
+        row = opened.place.pair.approach_row(resting, touch.point, way)
+        return effective_mass(opened.model, resting, row)
+
+    most = mass(opened.place.contact.normal) / _GUIDED
+    ways = [axis for axis in touch.axes if mass(axis) < most]
     if len(ways) > 1:
         ways.append((ways[0] + ways[1]) / math.sqrt(2.0))
     size = push_of(opened.facts().friction, touch.normal)
@@ -168,19 +174,11 @@ def _friction(opened: OpenedModel, resting: Any, touch: _Touch) -> list[float]:
         limit = 0.0
         for _ in range(PUSHED_STEPS):
             backend().mj_step(opened.model, data)
-            now = _Touch(opened, data)
+            now = _ForceAtTouch(opened, data)
             if now.normal > 0.0:
                 limit = max(limit, -float(now.along @ way) / now.normal)
         limits.append(limit)
     return limits or [math.nan]
-
-
-def _mobility(opened: OpenedModel, data: Any, point: Floats, way: Floats) -> float:
-    """Speed of approach along a way that an impulse of 1 N s along it gives the two at a point, 1/kg."""
-    row = opened.place.pair.approach_row(data, point, way)
-    moved = np.zeros((1, opened.model.nv))
-    backend().mj_solveM(opened.model, data, moved, row[None, :])
-    return float(moved[0] @ row)
 
 
 def _stands_elsewhere(opened: OpenedModel, data: Any) -> bool:

@@ -74,13 +74,13 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
     if request.key is not None:
         raise UserError("key", repr(request.key), "no keyframe: PyBullet has none")
 
-    def prepared() -> tuple[_Bench, Callable[[], None], str]:
+    def prepared() -> tuple[_DropBench, Callable[[], None], str]:
         if request.timestep is not None:
             bullet.setPhysicsEngineParameter(fixedTimeStep=request.timestep)
         if request.gravity is not None:
             bullet.setGravity(*request.gravity)
         set_pose(world, request)
-        bench = _Bench(world)
+        bench = _DropBench(world)
         return bench, *_drive_of(drops.controller, bench)
 
     def described() -> Landings:
@@ -130,7 +130,7 @@ class _Motion(NamedTuple):
         return np.asarray(self.velocities[link] + np.cross(self.spins[link], lever))
 
 
-class _Bench:
+class _DropBench:
     """A robot with a free base, in its pose, over the fixed bodies of its world.
 
     Raises UserError for a world without one, without a floor, or without gravity.
@@ -290,7 +290,7 @@ def _body_name(world: LoadedWorld, body: int) -> str:
     return world.files.get(body, f"body:{body}")
 
 
-def _drive_of(controller: Any, bench: _Bench) -> tuple[Callable[[], None], str]:
+def _drive_of(controller: Any, bench: _DropBench) -> tuple[Callable[[], None], str]:
     """(function that drives the joints before each step, what holds them in words).
 
     "pd": position motors of PyBullet hold the pose, each with its joint's effort. "pd:KP,KD":

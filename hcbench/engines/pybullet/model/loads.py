@@ -19,8 +19,8 @@ from hcbench.sim.loads import (
     PRESSED_S,
     PRESSED_STEPS,
     PUSHED_STEPS,
+    BorneLoad,
     Carried,
-    Load,
     borne,
     creep_of,
     push_of,
@@ -41,7 +41,7 @@ _SECONDS = 4.0
 _MOST_STEPS = 4000
 
 
-class _Touch(NamedTuple):
+class _ContactAfterStep(NamedTuple):
     """The contact of a pair after a step.
 
     normal: its force, N. friction: the sum of both its directions, on the moving part, N, (3,), but
@@ -94,7 +94,7 @@ class _Resting:
         for _ in range(self.steps):
             self.bullet.stepSimulation()
 
-    def touch(self) -> _Touch | None:
+    def touch(self) -> _ContactAfterStep | None:
         """The contact in the step just taken; None without one that pushes."""
         first, second = self.place.first, self.place.second
         contacts = self.bullet.getContactPoints(first.body, second.body, first.link, second.link)
@@ -109,7 +109,7 @@ class _Resting:
             middle = 0.5 * (np.array(contact[POINT_A]) + np.array(contact[POINT_B]))
             point += contact[FORCE] / normal * middle
         depth = -min(contact[DISTANCE] for contact in contacts)
-        return _Touch(normal, friction, depth, point)
+        return _ContactAfterStep(normal, friction, depth, point)
 
     def push(self, force: Floats, point: Floats) -> None:
         """Let a force, N, act on the moving part in the next step, and its opposite on the other."""
@@ -123,11 +123,11 @@ class _Resting:
                     part.body, part.link, (sign * force).tolist(), point.tolist(), world
                 )
 
-    def pressed(self, times: float) -> Load:
+    def pressed(self, times: float) -> BorneLoad:
         """The pair under so many times its force at rest."""
         touch = self.touch()
         if touch is None:
-            return Load(times, math.nan, math.nan)
+            return BorneLoad(times, math.nan, math.nan)
         steps = min(PRESSED_STEPS, round(PRESSED_S / self.timestep))
         last = max(1, round(LAST * steps))
         more = (times - 1.0) * touch.normal * self.place.normal
