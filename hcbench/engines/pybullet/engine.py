@@ -155,7 +155,7 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Step
             return is_connected()
         return (
             super().accepts(source)
-            or isinstance(source, int | LiveWorld)
+            or (isinstance(source, int | LiveWorld) and not isinstance(source, bool))
             or hasattr(source, "_client")
         )
 

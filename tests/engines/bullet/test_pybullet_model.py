@@ -14,10 +14,11 @@ import pytest
 from hcbench.contact import pybullet as contact
 from hcbench.engines.pybullet.model.open import LiveWorld as World
 from hcbench.measuring import measure
+from hcbench.measuring.measure import pairs
 from hcbench.measuring.request import make_request
 from hcbench.sim import registry
 from hcbench.sim.capabilities import opener
-from hcbench.system.errors import SettingError
+from hcbench.system.errors import SettingError, UserError
 
 bullet = pytest.importorskip("pybullet", reason="no PyBullet for this Python")
 
@@ -246,3 +247,41 @@ def test_a_planar_joint_has_no_known_effective_mass(tmp_path: Path) -> None:
     bullet.disconnect(client)
     assert np.isnan(found.facts.effective_mass)
     assert found.measured
+
+
+@pytest.fixture
+def ball_over_floor() -> Iterator[int]:
+    """A client with a ball in maximal coordinates, of which PyBullet tells no shapes, and a floor."""
+    import pybullet
+
+    client = pybullet.connect(pybullet.DIRECT)
+    ball = pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=0.1, physicsClientId=client)
+    floor = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
+    pybullet.createMultiBody(
+        1.0, ball, basePosition=[0, 0, 1], useMaximalCoordinates=True, physicsClientId=client
+    )
+    pybullet.createMultiBody(0.0, floor, physicsClientId=client)
+    yield client
+    pybullet.disconnect(client)
+
+
+def test_pairs_lists_a_body_in_maximal_coordinates(ball_over_floor: int) -> None:
+    """It ended in "Error receiving collision shape info"."""
+    (found,) = pairs(ball_over_floor)
+    assert found.types == ("shape", "plane")
+    assert found.distance == pytest.approx(0.9)
+
+
+def test_pairs_leaves_soft_bodies_out(ball_over_floor: int) -> None:
+    import pybullet
+    import pybullet_data
+
+    cloth = Path(pybullet_data.getDataPath()) / "cloth_z_up.obj"
+    pybullet.resetSimulation(pybullet.RESET_USE_DEFORMABLE_WORLD, physicsClientId=ball_over_floor)
+    pybullet.loadSoftBody(str(cloth), mass=1.0, useMassSpring=1, physicsClientId=ball_over_floor)
+    assert list(pairs(ball_over_floor)) == []
+
+
+def test_true_is_no_client(ball_over_floor: int) -> None:
+    with pytest.raises(UserError, match=r"^model: a bool; expected"):
+        pairs(True)

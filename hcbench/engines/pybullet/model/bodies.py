@@ -72,6 +72,10 @@ _MASS = 0
 _INERTIA = 2
 _FRAME_POSITION = 3
 _FRAME_QUATERNION = 4
+BODY_TYPE = 10
+# Kinds of bodies: rigid bodies proper, which Bullet does not step as multibodies; and cloth.
+MAXIMAL_COORDINATES = 1
+SOFT_BODY = 3
 # Places in getLinkState: position, attitude and motion of the centre of mass.
 _CENTRE = 0
 _QUATERNION = 1

@@ -12,7 +12,11 @@ from functools import partial
 import numpy as np
 
 from hcbench.engines.pybullet.backend import LASTING_SETTINGS, UNCLIPPED, BulletClient
-from hcbench.engines.pybullet.model.bodies import SlidingJoint
+from hcbench.engines.pybullet.model.bodies import (
+    BODY_TYPE,
+    MAXIMAL_COORDINATES,
+    SlidingJoint,
+)
 from hcbench.engines.pybullet.model.open import BodyPart
 from hcbench.engines.pybullet.model.place import BulletPlacement
 from hcbench.laws.restitution import RestitutionCurve
@@ -23,9 +27,6 @@ from hcbench.terms.impact import Impact
 # Places in getDynamicsInfo.
 RESTITUTION = 5
 STIFFNESS = 9
-BODY_TYPE = 10
-# A kind of body: rigid bodies proper, which Bullet does not step as multibodies.
-MAXIMAL_COORDINATES = 1
 # Bullet's own restitutionVelocityThreshold, m/s.
 _THRESHOLD = 0.2
 # Bullet's own contactSlop, m.

@@ -12,10 +12,13 @@ import numpy as np
 
 from hcbench.engines.pybullet.backend import DISTANCE, NORMAL, POINT_A, POINT_B, BulletClient
 from hcbench.engines.pybullet.model.bodies import (
+    BODY_TYPE,
     FIXED,
     JOINT_NAME,
     JOINT_TYPE,
     LINK_NAME,
+    MAXIMAL_COORDINATES,
+    SOFT_BODY,
     BulletBody,
     contact_row,
     vector,
@@ -60,16 +63,15 @@ _NamedPart = tuple[str, str, tuple[int, int]]
 def list_pairs(world: LoadedWorld) -> list[CandidatePair]:
     """Every pair of links of two bodies, one of which moves; those that touch come first.
 
-    Raises UserError for one file alone, which has nothing to meet.
+    Soft bodies are left out: PyBullet tells no contact of theirs. Raises UserError for one file
+    alone, which has nothing to meet.
     """
     bullet = world.bullet
     bodies = {number: BulletBody(bullet, number) for number in bullet.bodies()}
     links = []
     for number, body in bodies.items():
         numbers = range(-1, len(body.joints))
-        links += [
-            _Link(number, link) for link in numbers if bullet.getCollisionShapeData(number, link)
-        ]
+        links += [link for link in (_Link(number, each) for each in numbers) if _type(bullet, link)]
     pairs = []
     for one, two in combinations(links, 2):
         one_is_fixed = bodies[one.body].kind == "fixed"
@@ -166,6 +168,13 @@ def _link(bodies: dict[int, BulletBody], link: _Link) -> str:
 
 
 def _type(bullet: BulletClient, link: _Link) -> str:
+    """Kinds of a link's shapes, in words; empty where it has none, and of soft bodies."""
+    body_type = bullet.getDynamicsInfo(*link)[BODY_TYPE]
+    if body_type == SOFT_BODY:
+        return ""
+    if body_type == MAXIMAL_COORDINATES:
+        # PyBullet has no shapes to read of such bodies.
+        return "shape"
     shapes = bullet.getCollisionShapeData(*link)
     return " + ".join(dict.fromkeys(_TYPES.get(shape[_SHAPE], "shape") for shape in shapes[:4]))
 

@@ -16,10 +16,14 @@ import numpy as np
 
 from hcbench.engines.pybullet import plugin
 from hcbench.engines.pybullet.backend import BACKEND
-from hcbench.engines.pybullet.model.bodies import FreeBase, mass_and_volumes, vector
-from hcbench.engines.pybullet.model.causes import (
+from hcbench.engines.pybullet.model.bodies import (
     BODY_TYPE,
     MAXIMAL_COORDINATES,
+    FreeBase,
+    mass_and_volumes,
+    vector,
+)
+from hcbench.engines.pybullet.model.causes import (
     BulletContext,
     find_suspects,
     restitution_setting,
