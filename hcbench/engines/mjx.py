@@ -268,11 +268,11 @@ def step(model, data):  # contacts off; R: the ball's radius, above the plane z 
     x = jnp.maximum(R - data.qpos[2], 0.0)
     f = jnp.maximum({k} * x**{n} * (1 - {a} * data.qvel[2]), 0.0)
     return mjx.step(model, data.replace(qfrc_applied=data.qfrc_applied.at[2].set(f)))"""
-# model: the MjModel, of which MJX's is put.
 _EACH = """\
+# model: your mujoco.MjModel. Then, in place of mjx.step: data = step(mjx.put_model(model), data)
 from hcbench.contact.mjx import Restitution, restitution
 
-step = restitution(model, {{({first!r}, {second!r}): Restitution({alpha}, {reading!r})}})"""
+step = restitution(model, {{("{first}", "{second}"): Restitution({alpha}, "{reading}")}})"""
 
 
 _STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MJX does not have this integrator")

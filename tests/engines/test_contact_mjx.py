@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +18,7 @@ from hcbench.contact.mjx import ConstantRestitution, Restitution, restitution
 from hcbench.system.errors import SettingError, UserError
 from hcbench.terms.impact import Floats
 
+PAGE = Path(__file__).parents[2] / "docs" / "howto" / "plugin-mjx.md"
 QUADRUPED = Path(__file__).parents[2] / "examples" / "quadruped.xml"
 FEET = [f"{side}_{end}_foot" for side in ("left", "right") for end in ("front", "hind")]
 WORLD = """<mujoco><option timestep="{timestep}" {option}/><worldbody>
@@ -179,6 +183,18 @@ def depth(model: mujoco.MjModel, qpos: Any) -> float:
     data.qpos[:] = qpos
     mujoco.mj_forward(model, data)
     return min([0.0, *(contact.dist for contact in data.contact)])
+
+
+@jax_is_there
+def test_the_page_s_scripts_run_in_a_user_s_folder(tmp_path: Path) -> None:
+    blocks = re.findall(r"```py\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    model = WORLD.format(timestep=2e-3, option="", shape=SHAPES["sphere"][0])
+    box = '<body pos="1 0 .2"><freejoint/><geom name="box" type="box" size=".1 .1 .1"/></body>'
+    (tmp_path / "my.xml").write_text(model.replace("</worldbody>", f"{box}</worldbody>"))
+    script = "\n".join(blocks).replace("worlds = 1024", "worlds = 3")
+    script += "\nassert batch.qpos.shape == (3, model.nq) and batch.time[2] == 2 * data.time"
+    (tmp_path / "script.py").write_text(script, encoding="utf-8")
+    subprocess.run([sys.executable, "script.py"], cwd=tmp_path, check=True)
 
 
 @pytest.mark.parametrize(
