@@ -399,12 +399,22 @@ def _require_stable(data: Any, time: float) -> None:
 
 # MuJoCo: a recorded motion of a model, read for the speeds at which its parts met the floor.
 
-# The geom that moves first.
+# Numbers of two geoms, that of the body that moves first.
 _Geoms = tuple[int, int]
-# Two rigid parts, in the same order.
-_Bodies = tuple[int, int]
+# Numbers of the two rigid parts that they belong to, in the same order.
+_Parts = tuple[int, int]
 # The plug-in's law holds at any speed.
 _ANY_SPEED = (0.0, float("inf"))
+# A gap between two states may hide a contact: parts touch anew only after more than this many.
+_STATES_APART = 1.5
+
+
+class _Touchdown(NamedTuple):
+    """A touchdown of one part on another: time, s; speed together and along each other, m/s."""
+
+    time: float
+    speed: float
+    slide: float
 
 
 def touchdowns(
@@ -412,17 +422,19 @@ def touchdowns(
 ) -> TrajectoryTouchdowns:
     """Every touchdown of a part that moves on one that does not, or of the request's pair.
 
-    recorded: qpos (n, nq), qvel (n, nv), and time (n,), where it is known.
-    Raises UserError for other shapes.
+    recorded: qpos (n, nq), qvel (n, nv), and time (n,), s, where it is known.
+    Raises UserError for other shapes, for states that cannot be, and for a pair that the model does
+    not have.
     """
     qpos, qvel, time = _states(model, recorded)
     kept = None
     if request.pair is not None:
         pair = named_pair(model, request.pair)
-        kept = {_in_order(both) for both in itertools.product(pair.first.geoms, pair.second.geoms)}
+        every = itertools.product(pair.first.geoms, pair.second.geoms)
+        kept = {_ascending(geoms) for geoms in every}
     with captured_warnings():
         events = _events(model, qpos, qvel, time, kept)
-    feet = [_foot(model, geoms, np.array(rows)) for geoms, rows in events.items()]
+    feet = [_foot(model, geoms, of_parts) for geoms, of_parts in events.items()]
     feet.sort(key=lambda foot: (-len(foot.time), foot.part))
     interval = float(np.median(np.diff(time)))
     return TrajectoryTouchdowns(
@@ -430,7 +442,7 @@ def touchdowns(
     )
 
 
-def _in_order(geoms: _Geoms) -> _Geoms:
+def _ascending(geoms: _Geoms) -> _Geoms:
     first, second = geoms
     return (first, second) if first <= second else (second, first)
 
@@ -473,51 +485,62 @@ def _states(model: Any, recorded: Mapping[str, Floats]) -> tuple[Floats, Floats,
 
 def _events(
     model: Any, qpos: Floats, qvel: Floats, time: Floats, kept: set[_Geoms] | None
-) -> dict[_Geoms, list[tuple[float, float, float]]]:
-    """(time, speed, slide) of each touchdown, by the two geoms of its
-    rigid parts that touched first.
+) -> dict[_Geoms, list[_Touchdown]]:
+    """Touchdowns of every two rigid parts, in the order of time, by the first two of their geoms
+    that touched.
 
+    qpos (n, nq), qvel (n, nv), time (n,): of a recording, SI. kept: as in `_moving_first`.
     The speeds are those of the state before, or of the first in contact, the faster of the two: a
-    contact slows, and free flight may speed up, within the time between two states.
+    contact slows, and free flight may speed up, within the time between two states. Parts that
+    touch in the first state have not come down.
     """
-    data = backend().MjData(model)
+    now = backend().MjData(model)
     before = backend().MjData(model)
-    # All by the bodies of two rigid parts.
-    events: dict[_Bodies, list[tuple[float, float, float]]] = {}
-    geoms_of: dict[_Bodies, _Geoms] = {}
-    last_seen: dict[_Bodies, float] = {}
+    events: dict[_Parts, list[_Touchdown]] = {}
+    first_geoms: dict[_Parts, _Geoms] = {}
+    last_seen: dict[_Parts, float] = {}
     for i in range(len(qpos)):
-        data.qpos[:] = qpos[i]
-        data.qvel[:] = qvel[i]
-        backend().mj_fwdPosition(model, data)
-        began: dict[_Bodies, int] = {}
-        for contact, geoms in enumerate(_moving_first(model, data, kept)):
+        _put(model, now, qpos[i], qvel[i])
+        # The contact of each two parts that were apart until now, by its place in `now.contact`.
+        begun: dict[_Parts, int] = {}
+        for contact, geoms in enumerate(_moving_first(model, now, kept)):
             if geoms is None:
                 continue
             one, two = model.body_weldid[model.geom_bodyid[list(geoms)]].tolist()
             parts = (one, two)
-            geoms_of.setdefault(parts, geoms)
+            first_geoms.setdefault(parts, geoms)
             if i:
                 apart = time[i] - last_seen.get(parts, -np.inf)
                 # One state without contact may be a gap between two recorded states only.
-                if apart > max(PARTED_S, 1.5 * (time[i] - time[i - 1])):
-                    began[parts] = contact
+                if apart > max(PARTED_S, _STATES_APART * (time[i] - time[i - 1])):
+                    begun[parts] = contact
             last_seen[parts] = float(time[i])
-        if began:
-            before.qpos[:] = qpos[i - 1]
-            before.qvel[:] = qvel[i - 1]
-            backend().mj_fwdPosition(model, before)
-        for parts, contact in began.items():
-            speeds_before = _speeds(model, before, data, contact, geoms_of[parts])
-            speeds_now = _speeds(model, data, data, contact, geoms_of[parts])
-            speed, slide = max(speeds_before, speeds_now)
+        if begun:
+            _put(model, before, qpos[i - 1], qvel[i - 1])
+        for parts, contact in begun.items():
+            geoms = first_geoms[parts]
+            speed, slide = max(
+                _closing_speeds(model, before, now, contact, geoms),
+                _closing_speeds(model, now, now, contact, geoms),
+            )
             if speed > 0.0:
-                events.setdefault(parts, []).append((float(time[i]), speed, slide))
-    return {geoms_of[parts]: rows for parts, rows in events.items()}
+                events.setdefault(parts, []).append(_Touchdown(float(time[i]), speed, slide))
+    return {first_geoms[parts]: of_parts for parts, of_parts in events.items()}
+
+
+def _put(model: Any, data: Any, qpos: Floats, qvel: Floats) -> None:
+    """Put an MjData into a state, (nq,) and (nv,), with its kinematics and contacts."""
+    data.qpos[:] = qpos
+    data.qvel[:] = qvel
+    backend().mj_fwdPosition(model, data)
 
 
 def _moving_first(model: Any, data: Any, kept: set[_Geoms] | None) -> list[_Geoms | None]:
-    """The two geoms of each contact that acts, the body that moves first; None for other contacts."""
+    """The two geoms of each contact, the body that moves first; None for one that does not count.
+
+    kept: two and two, the smaller number first, of which contacts count; None: those of a part that
+    moves with one that does not.
+    """
     contacts = data.contact
     pairs: list[_Geoms | None] = []
     for (a, b), distance, excluded in zip(
@@ -528,17 +551,19 @@ def _moving_first(model: Any, data: Any, kept: set[_Geoms] | None) -> list[_Geom
         if excluded or distance > 0.0 or min(a, b) < 0:
             continue
         a_moves, b_moves = (bool(model.body_weldid[model.geom_bodyid[geom]]) for geom in (a, b))
-        is_asked = a_moves != b_moves if kept is None else _in_order((a, b)) in kept
+        is_asked = a_moves != b_moves if kept is None else _ascending((a, b)) in kept
         if is_asked:
             pairs[-1] = (a, b) if a_moves else (b, a)
     return pairs
 
 
-def _speeds(
+def _closing_speeds(
     model: Any, state: Any, touching: Any, contact: int, geoms: _Geoms
 ) -> tuple[float, float]:
-    """(approach, sliding) speed of the two at a contact of `touching`,
-    m/s, by the velocities of `state`.
+    """(speed at which two geoms close in, at which they slide on each other) at a contact, m/s.
+
+    state: MjData whose velocities count. touching: MjData that has the contact, by its number.
+    geoms: of the contact, the first of which moves.
     """
     point = touching.contact.pos[contact]
     # From the contact's first geom to its second.
@@ -546,6 +571,7 @@ def _speeds(
     sign = 1.0 if int(touching.contact.geom[contact][0]) == geoms[0] else -1.0
     velocity = np.zeros(3)
     jacobian = np.zeros((3, model.nv))
+    # Of the first geom's material at the point, less that of the second's.
     for geom, share in zip(geoms, (1.0, -1.0), strict=True):
         backend().mj_jac(model, state, jacobian, None, point, int(model.geom_bodyid[geom]))
         velocity += share * (jacobian @ state.qvel)
@@ -553,28 +579,29 @@ def _speeds(
     return approach, float(np.linalg.norm(velocity - sign * approach * normal))
 
 
-def _foot(model: Any, geoms: _Geoms, rows: Floats) -> Touchdowns:
-    """Touchdowns of two parts.
+def _foot(model: Any, geoms: _Geoms, events: Sequence[_Touchdown]) -> Touchdowns:
+    """Touchdowns of two parts, one or more, with the band of speeds that their setting holds in.
 
-    rows: (n, 3), time s, speed and slide m/s.
+    geoms: the first two that touched, one of each part.
     """
     promise = promise_in(model, geoms)
     band = None
     if restitution_law(model, geoms) is not None:
         band = _ANY_SPEED
-        words = "plug-in hcbench.restitution"
+        setting = "plug-in hcbench.restitution"
     elif promise is not None:
         band = promise.speeds
-        words = f"{promise.setting} by hcbench: {promise.curve.description}"
+        setting = f"{promise.setting} by hcbench: {promise.curve.description}"
     else:
         solref = contact_in_force(model, *geoms)["solref"]
-        words = "solref " + " ".join(f"{x:.4g}" for x in solref)
+        setting = "solref " + " ".join(f"{x:.4g}" for x in solref)
     part, other = (_geom_or_body_name(model, geom) for geom in geoms)
-    time, speed, slide = rows.T
-    return Touchdowns(part, other, time, speed, slide, band, words)
+    time, speed, slide = np.array(events).T
+    return Touchdowns(part, other, time, speed, slide, band, setting)
 
 
 def _geom_or_body_name(model: Any, geom: int) -> str:
+    """Name of a geom, or of its body where the geom has none."""
     if model.geom(geom).name:
         return geom_name(model, geom)
     return body_name(model, int(model.geom_bodyid[geom]))
