@@ -17,7 +17,7 @@ from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import body_name, can_meet, explicit_pairs, response
 from hcbench.engines.mujoco.model.find_pair import contact_in_force
 from hcbench.engines.mujoco.recipes.common import SPRING_SOLIMP
-from hcbench.engines.mujoco.recipes.compliant_fit import (
+from hcbench.engines.mujoco.recipes.compliant import (
     IMPRATIO,
     half_period_steps,
     spring_and_damper_rows,
