@@ -62,7 +62,11 @@ _SLIDES_S = 1.0
 
 
 def standing(opened: Sequence[OpenedModel]) -> Standing:
-    """Measure how pairs of one model stand, each at touch."""
+    """Measure how pairs of one model stand, each at touch; NaN for what it has not.
+
+    Level, slope and cost are of the first pair, if its second part stands still; the grasp is of
+    the first two that hold one body from both sides, the hop the highest of loose bodies that slide.
+    """
     first = opened[0]
     held = [pair for pair in itertools.combinations(opened, 2) if _is_grasp(*pair)]
     level = slope = Rest(*[math.nan] * 4)
@@ -96,7 +100,8 @@ def rest_on_slope(opened: OpenedModel, data: Any) -> tuple[float, Rest]:
 
 def rest_of_pair(opened: OpenedModel) -> Rest | None:
     """Rest of the pair from its start, if it touches there, like a held body and its finger, or
-    else from the touch; None if nothing holds the two together.
+    else from the touch; None if nothing holds the two together, DIVERGED where the state is not
+    finite.
     """
     return laid_down(opened)[0]
 
@@ -121,10 +126,12 @@ def laid_down(opened: OpenedModel) -> tuple[Rest | None, Any]:
 
 
 def _touches(opened: OpenedModel, data: Any) -> bool:
+    """Say whether `data` has a contact of the pair, whose two sides add up to 3."""
     return bool((opened.place.pair.sides[data.contact.geom].sum(axis=1) == 3).any())
 
 
 def _at_touch(opened: OpenedModel) -> Any:
+    """A new MjData at the start, with the pair brought to touch."""
     data = copy.copy(opened.start)
     data.qpos[:] = opened.place.qpos
     return data
@@ -149,39 +156,26 @@ def _tilted(opened: OpenedModel, angle: float) -> Floats:
 def _rest(
     opened: OpenedModel, data: Any, gravity: Floats | None = None, from_body: int = 0
 ) -> Rest:
-    """Rest of the pair at the end of a while, from a state that is moved on.
+    """Rest of the pair in the second half of _SECONDS, from a state that is moved on; DIVERGED
+    where it ends in numbers that are not finite.
 
-    gravity: m/s²; None: the model's.
-    from_body: the body whose motion does not count.
+    gravity: m/s², (3,); None: the model's, which holds again afterwards.
+    from_body: number of the body whose motion does not count, such as that of a hand; 0: the world.
     """
-    mujoco = backend()
     model = opened.model
     timestep = model.opt.timestep
-    body = opened.place.pair.first.body
-    normal = opened.place.contact.normal
     steps = min(_MOST_STEPS, round(_SECONDS / timestep))
     settling = steps // 2
-    count = steps - settling
-    path = np.zeros((count, 5))
-    position = path[:, :3]  # m
-    force = path[:, 3]  # N
-    depth = path[:, 4]  # m
     gravity_before = np.array(model.opt.gravity)
     if gravity is not None:
         model.opt.gravity[:] = gravity
-    mujoco.mj_step(model, data, nstep=settling)
-    sides = opened.place.pair.sides.tolist()
-    # Views of the state: tens of thousands of steps are taken here.
-    place = data.xpos[body]
-    origin = data.xpos[from_body]
-    for i in range(count):
-        mujoco.mj_step(model, data)
-        np.subtract(place, origin, out=position[i])
-        force[i], depth[i] = force_and_depth(opened, data, sides)
+    backend().mj_step(model, data, nstep=settling)
+    position, force, depth = _followed(opened, data, steps - settling, from_body)
     model.opt.gravity[:] = gravity_before
-    if not np.isfinite(path).all():
+    if not all(np.isfinite(column).all() for column in (position, force, depth)):
         return DIVERGED
-    moment = np.arange(count) * timestep
+    normal = opened.place.contact.normal
+    moment = np.arange(len(force)) * timestep
     height = position @ normal
     rate = np.gradient(height, timestep)
     moved = position
@@ -189,6 +183,28 @@ def _rest(
     if from_body == 0:
         moved = position - np.outer(height, normal)
     return rest_of(moment, depth, rate, force, moved)
+
+
+def _followed(
+    opened: OpenedModel, data: Any, steps: int, from_body: int
+) -> tuple[Floats, Floats, Floats]:
+    """(place of the moving body from another, m, (n, 3); force of the contact, N, (n,); penetration,
+    m, (n,)) after each of n steps, which `data` is moved on by.
+
+    from_body: number of that other body.
+    """
+    position = np.zeros((steps, 3))
+    force = np.zeros(steps)
+    depth = np.zeros(steps)
+    sides = opened.place.pair.sides.tolist()
+    # Views of the state: tens of thousands of steps are taken here.
+    place = data.xpos[opened.place.pair.first.body]
+    origin = data.xpos[from_body]
+    for i in range(steps):
+        backend().mj_step(opened.model, data)
+        np.subtract(place, origin, out=position[i])
+        force[i], depth[i] = force_and_depth(opened, data, sides)
+    return position, force, depth
 
 
 def force_and_depth(opened: OpenedModel, data: Any, sides: Sequence[int]) -> tuple[float, float]:
@@ -218,7 +234,10 @@ def _is_grasp(one: OpenedModel, other: OpenedModel) -> bool:
 
 def _hold(one: OpenedModel, other: OpenedModel) -> float:
     """Drift, m/s, of a body that two others hold with a few times the force that it
-    takes; NaN where they cannot.
+    takes; NaN where they cannot, and without friction.
+
+    one, other: the pairs of the body with each finger. The fingers close without gravity, pushed
+    towards the body by as much as friction needs; then gravity pulls at it.
     """
     model = one.model
     friction = one.facts().friction
@@ -318,6 +337,7 @@ class _ForceAtTouch:
     """
 
     def __init__(self, opened: OpenedModel, data: Any) -> None:
+        """Add up the contacts of the pair in `data`, an MjData after a step or mj_forward."""
         sides = opened.place.pair.sides
         wrench = np.zeros(6)
         self.normal = 0.0
