@@ -234,7 +234,9 @@ def _mean(values: Sequence[float]) -> float:
 
 def _first_touch(model: ModelUnderTest, launch: Launch) -> Floats:
     """(penetration m, rate m/s, force N) of the steps of a first touch in which a force acts,
-    shape (3, n).
+    shape (3, n); n = 0 for a launch that never touches.
+
+    Steps with numbers that are not finite are left out.
     """
     parts: list[Floats] = []
     with closing(model.follow(launch)) as simulation:
@@ -245,9 +247,13 @@ def _first_touch(model: ModelUnderTest, launch: Launch) -> Floats:
             if not np.isfinite(force).all() or (acts.size and not force[acts[0] :].all()):
                 break
     rows = np.concatenate(parts, axis=1)
-    begin, *_ = [*np.flatnonzero(rows[2]).tolist(), rows.shape[1]]
-    after = np.flatnonzero(rows[2, begin:] == 0.0)
-    touch: Floats = rows[:, begin : begin + int(after[0])] if after.size else rows[:, begin:]
+    is_acting = rows[2] != 0.0
+    if not is_acting.any():
+        return rows[:, :0]
+    begin = int(is_acting.argmax())
+    is_over = ~is_acting[begin:]
+    end = begin + int(is_over.argmax()) if is_over.any() else len(is_acting)
+    touch: Floats = rows[:, begin:end]
     return touch[:, np.isfinite(touch).all(axis=0)]
 
 
@@ -375,7 +381,7 @@ def _from_to(lowest: float, highest: float, digits: str) -> str:
 
 
 def _two_columns(rows: Sequence[_Row]) -> list[str]:
-    """Lines of rows, the titles at the left."""
+    """Lines of rows: titles at the left, then one or two values, aligned."""
     first = max(len(title) for title, *_ in rows)
     second = max((len(cells[0]) for _, *cells in rows if len(cells) > 1), default=0)
     lines = []

@@ -171,12 +171,18 @@ _ITERATIONS = 20
 class ReboundSearch:
     """Contacts of the feet of a robot, tried in drops of it.
 
-    before: the whole test of the model as it is. target: rebound, m.
+    source: a file, MJCF text or an MjSpec. requests: of the feet's pairs. before: the whole test of
+    the model as it is. target: rebound, m; 0 for none.
+    A short drop ends soon after the touch: it tells the rebound, and not how the robot comes to
+    rest.
+
+    Raises UserError for a robot that cannot be dropped or a model that cannot be written.
     """
 
     def __init__(
         self, source: Any, requests: Sequence[Request], before: DropTest, target: float
     ) -> None:
+        """Write a contact into a copy of the model, and drop the model as it is by the short drops."""
         self.before = before
         self.target = target
         self.plain = spec_of(source).compile()
@@ -228,7 +234,12 @@ class ReboundSearch:
         return tuple(self._with_stiffer_servos())
 
     def _grid(self) -> list[list[FootContact]]:
-        """Contacts by frequency, from the damped ones on."""
+        """Contacts to try: a list for each frequency, rising, in each the most damped first.
+
+        The lowest frequency is that of a body which stops within the depth allowed: a spring of
+        frequency w stops a speed v within v/w. MuJoCo does not keep a time constant below two
+        steps: such contacts are left out.
+        """
         h = self.bench.timestep
         deepest = max(1.2 * self.before.depth, self.before.depth + 5e-4)
         speed = math.sqrt(2.0 * self.bench.gravity * REBOUNDS[0].height)
@@ -255,7 +266,12 @@ class ReboundSearch:
         return self._tried[contact]
 
     def _meeting(self, row: Sequence[FootContact]) -> list[FootContact]:
-        """Contacts of one frequency that meet the target and are not worse."""
+        """Contacts of one frequency that have the target's rebound in short drops, and nothing
+        worse.
+
+        row: of one frequency, the most damped first. Between two neighbours whose rebounds are
+        below and above the target one is looked for.
+        """
         if not self.target:
             return [contact for contact in row if self._is_met(contact)]
         met = []
@@ -267,8 +283,11 @@ class ReboundSearch:
         return met
 
     def _between(self, above: FootContact, below: FootContact) -> FootContact:
-        """The contact of one frequency with the rebound of the target, between two dampings of which
-        one has less and one has more.
+        """The contact of one frequency whose rebound is that of the target, to a share of _NEAR, by
+        halving the interval of damping.
+
+        above, below: two contacts of the frequency, one with less rebound than the target, one with
+        more.
         """
         middle = above
         for _ in range(_HALVINGS):
@@ -304,7 +323,11 @@ class ReboundSearch:
         return not any(list(test.worse_than(self.before, self.target)) for test in tests)
 
     def _with_stiffer_servos(self) -> Iterator[tuple[float, float]]:
-        """(factor of kp, largest rebound, m) until the target is in reach."""
+        """(factor of kp, largest rebound of contacts that are not worse in short drops, m) of
+        stiffer servos, until the target is in reach; nothing without servos.
+
+        The model's gains are as they were afterwards.
+        """
         model = self.bench.model
         gains = model.actuator_gainprm.copy()
         biases = model.actuator_biasprm.copy()

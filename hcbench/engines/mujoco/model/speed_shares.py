@@ -44,6 +44,7 @@ class SpeedShares:
     """
 
     def __init__(self, model: Any, sides: NDArray[np.int8]) -> None:
+        """Begin at zero; arguments are those of the class."""
         self._model = model
         self._sides = sides
         self._h = float(model.opt.timestep)

@@ -107,7 +107,11 @@ def rest_of_pair(opened: OpenedModel) -> Rest | None:
 
 
 def laid_down(opened: OpenedModel) -> tuple[Rest | None, Any]:
-    """(`rest_of_pair`, the state at its end)."""
+    """(rest of the pair, see `rest_of_pair`; MjData at its end).
+
+    The pair rests in its start if it touches there; else it is laid down at touch, if gravity
+    presses the two together.
+    """
     data = copy.copy(opened.start)
     place = opened.place
     data.time = 0.0
@@ -362,10 +366,12 @@ class _ForceAtTouch:
 
 
 def carried_by(opened: OpenedModel) -> Carried:
-    """Loads that the pair carries where it rests; none where nothing holds the two together.
+    """Loads that the pair carries where it rests; none where nothing holds the two together, or
+    they do not come to rest.
 
     Forces act on the moving part, at the point where the contact bears it: so they turn no joint
-    while the contact holds.
+    while the contact holds. Creep is left NaN for parts that joints move, for a plate that is
+    tilted or moves, and without friction.
     """
     rest, data = laid_down(opened)
     if rest is None or not math.isfinite(rest.penetration) or not rests(rest):
@@ -409,7 +415,9 @@ def _creep(opened: OpenedModel, data: Any) -> tuple[float, float]:
 
 def _push(opened: OpenedModel, data: Any, touch: _ForceAtTouch, force: Floats) -> None:
     """Let a force, N, (3,), act on the moving part where the two touch, and its opposite on the
-    other.
+    other; in all steps that `data` takes from now on.
+
+    touch: of the pair at rest. A part that is welded to the world takes none.
     """
     pair = opened.place.pair
     for sign, body in ((1.0, pair.first.body), (-1.0, pair.second.body)):
@@ -420,7 +428,11 @@ def _push(opened: OpenedModel, data: Any, touch: _ForceAtTouch, force: Floats) -
 
 
 def _pressed(opened: OpenedModel, resting: Any, touch: _ForceAtTouch, times: float) -> BorneLoad:
-    """The pair under so many times its force at rest."""
+    """The pair under so many times its force at rest: force that the contact then bears, N, and its
+    penetration, m, over the last steps.
+
+    resting: MjData at rest, which stays as it is. touch: the contact in it.
+    """
     model = opened.model
     data = copy.copy(resting)
     more = (times - 1.0) * touch.normal

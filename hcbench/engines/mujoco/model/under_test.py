@@ -250,7 +250,8 @@ class MujocoModel(OpenedModel, LendsSteps):
         return list(broken_promise(self.model, promise, geoms, gravity, contacts))
 
     def _weak_friction(self, impacts: Sequence[Impact]) -> list[Suspect]:
-        """Suspect the pyramidal cone, if friction takes more in a copy with an elliptic one.
+        """Suspect the pyramidal cone, if friction takes more in a copy with an elliptic one: a list
+        of at most one.
 
         impacts: of the launches; the one whose friction is weakest is simulated again in the copy.
         """

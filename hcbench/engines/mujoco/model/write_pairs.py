@@ -376,10 +376,12 @@ class Written(NamedTuple):
 
 
 def texts_of(source: Any, made: Written, sections: Sequence[str], output: Output) -> Texts:
-    """The lines to paste, the whole model with them, and the lines that a model includes.
+    """The lines to paste, the whole model with them, and a file of the lines to be included.
 
-    sections: further ones of the model. output: where the model and the included file are to be
-    written.
+    source: as the user gave it. made: the source with rows in it. sections: further XML sections of
+    the model. output: where the model and the included file are to be written. The whole is the
+    user's own text with the lines at its end where that can be, else MuJoCo's text of the model.
+    Raises UserError for a file that is not in UTF-8.
     """
     paste = "\n".join(filter(None, (made.lines, *sections)))
     lines = paste
@@ -629,8 +631,11 @@ def _friction_damping(place: PairAtTouch, load: Load) -> float:
 
 
 def sliding_mobility(place: PairAtTouch, load: Load) -> float:
-    """Mobility of a pair at touch along the way that slides most easily, over MuJoCo's estimate of
-    that along the normal.
+    """Mobility, 1/mass, of a pair at touch along the way that slides most easily, over MuJoCo's
+    estimate of that along the normal.
+
+    It is the largest eigenvalue of J M^-1 J^T over the directions in the plate. `load` has how far
+    that estimate is off.
     """
     model = place.pair.model
     data = backend().MjData(place.pair.model)
@@ -646,9 +651,11 @@ def sliding_mobility(place: PairAtTouch, load: Load) -> float:
 def name_geoms(
     spec: Any, model: Any, geoms: Sequence[tuple[int, int]], notes: list[str]
 ) -> dict[int, str]:
-    """Names by which a <pair> calls geoms, by their numbers; those without one get one.
+    """Names by which a <pair> calls geoms, by their numbers; a geom without one is named
+    "geom_NUMBER" in the spec.
 
-    spec: gets the new names. notes: gets a sentence for each.
+    geoms: numbers, two and two. notes: gets a sentence for each new name, as the user's own text
+    lacks it.
     """
     names = {}
     # By number: MuJoCo 3.3 gives the geoms of a spec no .id.

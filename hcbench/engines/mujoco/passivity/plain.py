@@ -429,10 +429,11 @@ def _rest(model: Any, seconds: float) -> Rest:
 
 
 def box_growth(contact: Contact, options: Stepping, attitude: str, speed: float) -> float:
-    """Largest ratio of a box's energy in a flight to that in an
-    earlier one: above 1 it gained some; infinite where it diverged.
+    """Largest ratio of a box's energy in a flight to that in an earlier one: above 1 it gained
+    some; infinite where it diverged.
 
-    attitude: a key of _ATTITUDES. speed: downwards at touch, m/s.
+    attitude: a key of _ATTITUDES. speed: downwards at touch, m/s; the box starts 2.4 steps before
+    it.
     """
     model, (quaternion, high) = contact.with_boxes(options), _ATTITUDES[attitude]
     data = backend().MjData(model)

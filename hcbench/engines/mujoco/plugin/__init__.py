@@ -242,6 +242,9 @@ def _exclude(spec: Any, kind: str, parts: Sequence[Any]) -> None:
 
 
 def _element(spec: Any, kind: str, name: str) -> Any:
+    """The element of a spec of this kind and name. Raises SettingError, with names that are like
+    it, where there is none.
+    """
     element = getattr(spec, kind)(name) if isinstance(name, str) else None
     if element is None:
         names = [

@@ -80,14 +80,14 @@ def _mean(v: Floats, w: Floats) -> Floats:
 
 
 def _restitution(parameters: Floats, speeds: Floats) -> Floats:
-    """e of one contact at speeds over the highest; (population,
-    speeds); 0 where it would go too deep.
+    """e of contacts at impact speeds, (population, speeds); 0 where it would go too deep.
 
-    parameters: (population, 6), in the order of _LOWEST.
+    parameters: (population, 6), in the order of _LOWEST. speeds: over the highest of the band,
+    (speeds,).
 
-    By energy along the depth: v²/2 falls by ΔP + ΔG v on the way in, and grows by ΔP - ΔG
-    v on the way out as long as the contact pushes, v being the interval's mean: first
-    that of its ends, then better.
+    By energy along the depth: v²/2 falls by ΔP + ΔG v on the way in, and grows by ΔP - ΔG v on the
+    way out as long as the contact pushes, v being the interval's mean: first that of its ends, then
+    better.
     """
     work, damping = _work_and_damping(parameters)
     v = np.broadcast_to(speeds, (len(parameters), len(speeds))).copy()

@@ -96,10 +96,11 @@ class Damper:
 
 @dataclass(frozen=True)
 class Band:
-    """The law and the impact speeds (m/s) to match, which reach
-    penetrations from `low` to `top` (m).
+    """The law and the impact speeds (m/s) to match, which reach penetrations from `low` to `top`
+    (m).
 
-    lag: half a step (s) where the engine's rates lag the positions by it, else 0.
+    mass: effective, kg. speeds: rising, (s,). lag: half a step (s) where the engine's rates lag the
+    positions by it, else 0.
     """
 
     law: HuntCrossley
@@ -124,7 +125,8 @@ class Band:
 
 
 def band_of(target: Target, law: HuntCrossley, integrator: str) -> Band:
-    """The band of penetrations that a target's speeds reach under a law without its loss.
+    """The band of penetrations that a target's speeds reach under a law without its loss, which
+    goes deepest.
 
     integrator: its name; under Euler's kinds rates lag positions by half a step.
     """
@@ -191,9 +193,13 @@ def _straight(onset: float, end: float, highest: float) -> Damper:
 
 
 def knots_of(band: Band, dampers: Sequence[Damper], misfit: float) -> Floats:
-    """Onsets of the springs, m: so close that straight lines are within `misfit` of the curve.
+    """Onsets of the springs, m, rising from 0: so close that straight lines between them are within
+    `misfit` of the curve.
 
-    Relative to the curve, and below the band's lowest penetration to the curve there.
+    dampers: that act beside the springs; their weights add to what the springs have to give.
+    misfit: relative to the curve, and below the band's lowest penetration to the curve there.
+    A straight line over a width w is off a curve of second derivative c by c w²/8 at most: hence
+    the density of knots.
     """
     edges = np.geomspace(band.low * 1e-3, band.top * (1.0 - 1e-6), 3001)
     x = np.sqrt(edges[1:] * edges[:-1])
@@ -221,14 +227,16 @@ class _Fit:
 
 
 def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floats) -> _Fit:
-    """Springs and dampers together: the force near the law's
-    everywhere, the restitution nearer still.
+    """Springs and dampers together: the force near the law's everywhere, the restitution nearer
+    still.
 
     dampers: with their onsets and impedances; how strong each is, is fitted.
-    knots: onsets of the springs, m.
+    knots: onsets of the springs, m, (k,).
     sensitivity: of e at each speed of the band to the force at each penetration of its grid,
-    (speeds, grid), 1/(N s/m). One non-negative least-squares problem has a row for the elastic
-    force and one for the damping at each penetration, and one for e at each speed.
+    (speeds, grid), 1/(N s/m).
+
+    One non-negative least-squares problem: a row for the elastic force and one for the damping at
+    each penetration, and one for e at each speed; a column for each spring and each damper.
     """
     x = band.grid()
     a = band.law.dissipation

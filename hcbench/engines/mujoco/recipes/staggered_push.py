@@ -100,7 +100,8 @@ def sample(band: Band, speeds: Floats, points: int) -> Samples:
     """Samples of the band's law along its loops at impact speeds (m/s), with so many points a
     branch.
 
-    Evenly in the angle of a sine, so dense where the body turns round.
+    Evenly in the angle of a sine, so dense where the body turns round; a loop is its way in, then
+    its way out.
     """
     law = band.law
     mass = band.mass
@@ -304,11 +305,11 @@ class _LeastSquares:
 
 
 def levenberg_marquardt(samples: Samples, rows: PushingRows, search: Search) -> PushingRows:
-    """The same rows with strengths S and D that fit the samples better; keeps the best when it does
-    not converge.
+    """The same rows with strengths S and D that fit the samples better: the best after ITERATIONS,
+    or from where no step helps any more.
 
-    rows: start; its onsets and impedances stay, and dampers without D get none.
-    search: counts ITERATIONS, whether they are needed or not.
+    rows: start; its onsets and impedances stay, and dampers without D get none. search: counts
+    ITERATIONS, whether they are needed or not.
     """
     from scipy.optimize import nnls
 
