@@ -184,7 +184,11 @@ def _straight(request: Request, speed: float) -> list[Launch]:
 def _at_another_step(
     timestep: float, launches: Sequence[Launch], at_step: Callable[[float], ModelUnderTest]
 ) -> ContactStep:
-    """The launches at a time step, s."""
+    """The launches at a time step, s; without a point where the model cannot be launched at it.
+
+    at_step: opens the pair at a time step. Errors of hcbench's own, such as a step beyond all
+    bounds, mean that it cannot; others are raised.
+    """
     try:
         with at_step(timestep) as model:
             return ContactStep(timestep, _point(simulate.impacts_in(model, launches)))
@@ -200,7 +204,12 @@ def _point(impacts: Sequence[Impact]) -> CurvePoint:
 
 
 def _impact(model: ModelUnderTest, launches: Sequence[Launch]) -> ContactImpact:
-    """The contact in launches that differ in phase alone."""
+    """The contact in launches that differ in phase alone, one or more; NaN for what no launch
+    shows.
+
+    The spring and damper are fitted to all first touches together, if each has steps enough, and
+    are left out for a force that no spring with a damper has.
+    """
     impacts = simulate.impacts_in(model, launches)
     touches = [_first_touch(model, launch) for launch in launches]
     stiffness = damping = misfit = math.nan
@@ -356,7 +365,7 @@ def _load_rows(carried: Carried) -> Iterator[_Row]:
 
 
 def _step_rows(steps: Sequence[ContactStep]) -> Iterator[_Row]:
-    """Rows of e over time steps; one of neighbours with the same e."""
+    """Rows of e over time steps; steps that follow each other with the same e have one row."""
 
     def said(step: ContactStep) -> str:
         if step.point is None:

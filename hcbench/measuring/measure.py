@@ -358,10 +358,12 @@ def _memory() -> int:
 
 
 def source_of(job: Job) -> tuple[OpensModels, Any, Callable[[], Any] | None]:
-    """(engine, model, function that makes the model again, or None where it need not be made).
+    """(engine that opens the model of a job, model, function that makes the model again, or None
+    where it need not be made).
 
-    A function of a Python file is called here, once. Raises UserError where that fails or no engine
-    opens the model, SceneError for a file that none opens.
+    A function of a Python file is called here, once. Raises UserError where that fails, where no
+    engine opens the model or the engine that is named does not open models; SceneError for a file
+    that none opens.
     """
     source = job.source
     rebuild = None

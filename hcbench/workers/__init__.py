@@ -198,8 +198,8 @@ class WorkerPool:
         return self._results(self.threads.map(partial(call, function, limit=None), jobs))
 
     def _results(self, results: Iterator[Result]) -> Iterator[Result]:
-        """Results as they come, in order. Raises what a job raises, and CannotRun where a process
-        died.
+        """Yield results as they come, in the order of the jobs. Raises what a job raises, and
+        CannotRun where a process died.
         """
         try:
             yield from results

@@ -121,7 +121,7 @@ class PairInC:
     """
 
     def __init__(self, opened: OpenedModel) -> None:
-        """Describe the pair at its place of touch."""
+        """Describe the pair of an opened model at its place of touch."""
         pair = opened.place.pair
         # What `fields` points into.
         self._arrays = (

@@ -84,7 +84,7 @@ class _SensorColumns:
 
     @classmethod
     def of(cls, model: Any) -> _SensorColumns:
-        """Find the columns in a compiled model, by the names of the sensors."""
+        """Find the columns in a model that was compiled with the sensors of `_add_sensors`."""
 
         def column(name: str) -> int:
             return int(model.sensor(f"{_OURS}{name}").adr[0])
@@ -309,7 +309,7 @@ class DropBench:
         )
 
     def _judged(self, motion: _Motion, drop: RobotDrop) -> Landed:
-        """The quantities of a drop's landing."""
+        """The quantities of the landing that a motion shows. drop: whose release it began at."""
         weight = self._over_floor.weight
         rising = motion.velocity @ self._over_floor.up
         fastest = max((float(rising[start]) for start, _ in motion.flights), default=0.0)
@@ -414,6 +414,9 @@ def landing_peaks(source: Any, request: Request) -> tuple[LandingPeak, ...]:
 def _bend_into_limits(model: Any, data: Any) -> int:
     """Bend joints that are beyond their limits into them, which would throw the robot; return how
     many there were.
+
+    data: MjData of the pose, whose qpos is changed: a hinge or slide then is 5 % of its range
+    inside its limit. Balls are left as they are.
     """
     kinds = backend().mjtJoint
     bent = 0

@@ -360,7 +360,11 @@ def no_contact_error(pair: ContactPair) -> UserError:
 
 
 def _why_apart(model: Any, geoms: tuple[int, int]) -> tuple[str, ...]:
-    """(what keeps two geoms apart, what was expected) and, where there is a fix, advice on it."""
+    """(what keeps two geoms apart, what was expected instead), and advice as a third where there is
+    a fix to name.
+
+    geoms: numbers of the two. The first reason of: a flag, a filter of MuJoCo's, their shapes.
+    """
     if flag := _disabling(model):
         return f"contacts are disabled, by {flag}", "contacts", f"Remove {flag} from <option>"
     match collision_filter(model, *geoms):

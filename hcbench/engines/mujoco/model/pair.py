@@ -77,7 +77,9 @@ def _is_for(config: dict[str, str], kind: str, names: set[str]) -> bool:
 
 
 def _configs(model: Any, keys: Sequence[str]) -> Iterator[dict[str, str]]:
-    """The config of each plug-in instance that has as many values as there are keys."""
+    """Yield the config of each plug-in instance of a compiled model that has as many values as
+    there are keys: values by key, "" for those that are not set.
+    """
     starts = model.plugin_attradr.tolist()
     ends = [*starts[1:], model.npluginattr]
     for start, end in zip(starts, ends, strict=True) if starts else ():

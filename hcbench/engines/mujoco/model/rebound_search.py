@@ -86,7 +86,12 @@ def foot_geoms(model: Any, requests: Sequence[Request]) -> list[Geoms]:
 
 
 def set_contact(model: Any, plain: Any, geoms: Sequence[Geoms], contact: FootContact) -> None:
-    """Change the <pair>s of geoms in a compiled model. plain: the model as it is."""
+    """Write a contact of the feet into the <pair>s of geoms in a compiled model, and its cone and
+    impratio into the model's options.
+
+    model: changed. plain: the model as it is, whose cone and impratio hold where the contact has
+    none. geoms: numbers, two and two.
+    """
     for both in geoms:
         for number in explicit_pairs(model, both):
             model.pair_solref[number] = contact.solref
@@ -99,8 +104,11 @@ def set_contact(model: Any, plain: Any, geoms: Sequence[Geoms], contact: FootCon
 
 
 def write_contact(source: Any, requests: Sequence[Request], contact: FootContact) -> Written:
-    """The model of a source with the contact in <pair>s, in a spec of its own; friction, condim
-    and margin stay.
+    """The model of a source with the contact in <pair>s of all feet, in a spec of its own;
+    friction, condim and margin stay.
+
+    source: a file, MJCF text or an MjSpec. Raises UserError for a source that cannot be written,
+    for unknown pairs and for too many geoms.
     """
     spec = spec_of(source)
     model = spec.compile()
@@ -198,7 +206,9 @@ class ReboundSearch:
         self._untuned = DropBench(spec_of(source), label, requests).test(self._short, REBOUNDS)
 
     def contacts(self) -> Iterator[FootContact]:
-        """Contacts with the rebound in short drops, the most promising first."""
+        """Contacts with the rebound in short drops, and with no worse first long drops, the most
+        promising first; each with the model's own cone and with an elliptic one.
+        """
         met = []
         for row in self._grid():
             met += self._meeting(row)
@@ -218,7 +228,9 @@ class ReboundSearch:
                 yield from dict.fromkeys([self._least_damped(contact), contact])
 
     def _least_damped(self, contact: FootContact) -> FootContact:
-        """The contact with as little damping as the drops allow, down to the next of the grid."""
+        """The contact with as little damping as the drops allow, down to the next of the grid: by
+        halving the interval of damping _REFINED times.
+        """
         lower = max((one for one in _DAMPINGS if one < contact.damping), default=contact.damping)
         for _ in range(_REFINED):
             middle = replace(contact, damping=math.sqrt(contact.damping * lower))
@@ -383,7 +395,11 @@ def rebound_settings(
 
 
 def _setting(source: Any, requests: Sequence[Request], contact: FootContact) -> ModelSetting:
-    """A contact as a setting of a user's model."""
+    """A contact of the feet as a setting of a user's model: notes, the model under a request, and
+    its text.
+
+    source, requests: as of `rebound_settings`; errors of `write_contact`.
+    """
     made = write_contact(source, requests, contact)
     notes = [
         *made.notes,

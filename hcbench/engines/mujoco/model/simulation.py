@@ -232,7 +232,9 @@ class MujocoFlight:
             most |= shares
 
     def _step(self) -> _Step:
-        """Take one step, and read the pair in the state before it; NaN where MuJoCo reset it."""
+        """Take one step, and read the pair in the state before it; all NaN where MuJoCo reset the
+        state.
+        """
         data = self._data
         seen = self._seen
         before = self._before
@@ -331,7 +333,11 @@ class MujocoFlight:
         )
 
     def _rate_without_contact(self) -> float:
-        """The approach rate after the step from the state in `_seen`, had no contact acted in it."""
+        """The approach rate, m/s, after the step from the state in `_seen`, had no contact acted in
+        it.
+
+        The step is taken in `_space.free`, with contacts off in the model meanwhile.
+        """
         model = self._model
         data = self._space.free
         copy_state(model, self._seen, data)
@@ -380,7 +386,9 @@ class Flights(Simulation, Generic[Flight]):
         return self._flights[launch].note(steps)
 
     def side_by_side(self, records: Sequence[Record]) -> Record:
-        """Join records of one launch each, (launches, longest); NaN after the end of a launch."""
+        """Join records of one launch each, (1, n) of any n, into one of (launches, longest n); NaN
+        after the end of a shorter launch.
+        """
         longest = max(record.force.shape[1] for record in records)
         seen = np.full((3 + TANGENTIAL_ROWS * self._looks_along, len(records), longest), np.nan)
         for i, record in enumerate(records):
@@ -407,7 +415,9 @@ class MujocoUserSimulation(Flights[MujocoFlight]):
         self._after = after
 
     def advance(self, steps: int) -> Record:
-        """Take the steps of each launch."""
+        """Take up to `steps` steps of each launch, one launch after the other; see
+        `MujocoFlight.advance`.
+        """
         records = []
         for flight in self._flights:
             if flight is not self._inside:

@@ -142,8 +142,8 @@ def _at_touch(opened: OpenedModel) -> Any:
 
 
 def _tilted(opened: OpenedModel, angle: float) -> Floats:
-    """Gravity, m/s², (3,), turned by an angle, rad, towards the first
-    axis across it; 0 without gravity.
+    """Gravity, m/s², (3,), of the model turned by an angle, rad, from its direction towards the
+    axis of the world that is most across it; 0 without gravity.
     """
     gravity = np.array(opened.model.opt.gravity)
     size = float(np.linalg.norm(gravity))
@@ -310,7 +310,11 @@ def _force(opened: OpenedModel, data: Any) -> float:
 
 
 def _cost(opened: OpenedModel, data: Any) -> tuple[float, float]:
-    """(iterations of the solver, s of CPU) of a step, from a state at rest."""
+    """(iterations of the solver, s of CPU) of one step, from a state at rest, which is moved on.
+
+    The means over _TIMED steps; the time is the shortest of _REPEATS. Of islands, which MuJoCo
+    solves one by one, the iterations add up.
+    """
     mujoco = backend()
     model = opened.model
     times = []

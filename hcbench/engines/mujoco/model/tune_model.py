@@ -144,7 +144,11 @@ def _is_loose(model: Any, body: int) -> bool:
 
 
 def _is_touched(model: Any, start: Any, geom: int, other: int) -> bool:
-    """Say whether a third geom touches `geom` at the start, or is within _NEAR of it."""
+    """Say whether a third geom touches `geom` at the start, or is within _NEAR of it.
+
+    start: MjData of the start. other: the geom that it may touch. Only geoms count whose masks let
+    them collide.
+    """
     mujoco = backend()
     data = copy.copy(start)
     mujoco.mj_kinematics(model, data)

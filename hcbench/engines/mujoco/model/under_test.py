@@ -175,7 +175,9 @@ class MujocoModel(OpenedModel, LendsSteps):
         return unit_notes(name, mass, *volumes(self.model, data, body))
 
     def _friction_of_geoms(self) -> list[str]:
-        """A sentence where hcbench's pair has another friction than its geoms would have alone."""
+        """One sentence where hcbench's pair has another friction than its geoms would have alone,
+        as a list; else empty.
+        """
         promise = self._promise()
         if promise is None or not promise.rows:
             return []

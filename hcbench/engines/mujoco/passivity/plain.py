@@ -94,7 +94,9 @@ class Contact:
         return self.model(body, options, [("ball", "plate")])
 
     def with_boxes(self, options: Stepping, count: int = 1) -> Any:
-        """A plain model of `count` boxes of edge 2 HALF, 0.5 kg each, one on top of the other."""
+        """A plain model of `count` boxes of edge 2 HALF, 0.5 kg each, one on top of the other on
+        the plane.
+        """
         names = [f"box{i}" for i in range(count)]
         bodies = ""
         for i, name in enumerate(names):

@@ -224,7 +224,12 @@ def _parts(spec: Any, kind: str, pair: Any) -> list[Any]:
 
 
 def _exclude(spec: Any, kind: str, parts: Sequence[Any]) -> None:
-    """Turn MuJoCo's own contact between the bodies of two parts off."""
+    """Turn MuJoCo's own contact between the bodies of two parts off, in a spec; a body without a
+    name gets one.
+
+    kind: "geom" or "body", of the parts. Warns of shapes whose contact is not exact enough for a
+    force law.
+    """
     if kind == "geom":
         geoms = list(parts)
         owners = [geom.parent for geom in parts]

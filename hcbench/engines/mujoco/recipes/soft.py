@@ -144,7 +144,11 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
         return float(errors(parameters[None])[0])
 
     def polished(start: Floats, others: Floats, evaluations: int) -> Floats:
-        """Better parameters near `start`, which `others` follow."""
+        """Parameters (6,) of less error, by Nelder and Mead from `start`, (k,), with `others`, (6 -
+        k,), left as they are.
+
+        evaluations: at most.
+        """
 
         def error_at(parameters: Floats) -> float:
             return error(np.concatenate([parameters, others]))

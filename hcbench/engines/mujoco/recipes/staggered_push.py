@@ -158,10 +158,10 @@ class InitialGuess:
 
 @dataclass(frozen=True)
 class PushingRows:
-    """Rows that only push: onsets (m), solimps, and solref's
-    stiffness S (1/s²) and damping D (1/s).
+    """Rows that only push: onsets (m), solimps, and solref's stiffness S (1/s²) and damping D
+    (1/s), (rows,) each.
 
-    misfit: root of the summed squares, in units.
+    misfit: root of the summed squares, in units of misfit; infinite before any fit.
     """
 
     onsets: Floats

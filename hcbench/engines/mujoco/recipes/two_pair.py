@@ -86,7 +86,7 @@ class _Pairs:
         return parameters
 
     def rows(self, parameters: Floats) -> list[ConstraintRow]:
-        """The spring and the damper of parameters (6,), in the order of _LOWEST."""
+        """The spring and the damper, in SI units, of parameters (6,) in the order of _LOWEST."""
         log_damping, log_width, logit, power, midpoint, onset = parameters.tolist()
         highest = _logistic(logit)
         D = math.exp(log_damping)

@@ -468,7 +468,9 @@ class MujocoWorld(World):
     diverged = "MuJoCo gave up: a position, velocity or acceleration was not finite or above 1e10"
 
     def __init__(self, pool: BatchPool) -> None:
-        """Find how many launches a simulation of this model holds at best."""
+        """Find how many launches a simulation of the pool's model holds at best, and keep MuJoCo's
+        warnings from the user.
+        """
         self.pool = pool
         scene = pool.model.scene
         self.timestep = pool.model.timestep
