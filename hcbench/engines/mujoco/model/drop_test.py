@@ -105,7 +105,7 @@ class _SensorColumns:
 
 
 @dataclass(frozen=True, slots=True)
-class _Motion:
+class _DropMotion:
     """A drop as its sensors show it, SI: a row for the start of each of n steps.
 
     height, (n,): of the centre of mass along the vertical. along_floor, (n, 3): its place without
@@ -277,7 +277,7 @@ class DropBench:
         motion = self._motion(state, sensors[0])
         return None if motion is None else self._judged(motion, drop)
 
-    def _motion(self, state: Floats, sensors: Floats) -> _Motion | None:
+    def _motion(self, state: Floats, sensors: Floats) -> _DropMotion | None:
         """The motion that a rollout shows; None where the robot flies off or never touches the floor.
 
         state: MuJoCo's full state after each step, (n, nstate). sensors: their data, (n, nsensor).
@@ -297,7 +297,7 @@ class DropBench:
             return None
         touch = int(np.argmax(pushes))
         height = centre @ up
-        return _Motion(
+        return _DropMotion(
             height=height,
             along_floor=centre - np.outer(height, up),
             velocity=sensors[:, columns.velocity : columns.velocity + 3],
@@ -308,7 +308,7 @@ class DropBench:
             flights=_flights(pushes, touch, self.timestep),
         )
 
-    def _judged(self, motion: _Motion, drop: RobotDrop) -> Landed:
+    def _judged(self, motion: _DropMotion, drop: RobotDrop) -> Landed:
         """The quantities of the landing that a motion shows. drop: whose release it began at."""
         weight = self._over_floor.weight
         rising = motion.velocity @ self._over_floor.up
@@ -330,7 +330,7 @@ class DropBench:
             fell=end.fell,
         )
 
-    def _settling(self, motion: _Motion) -> _Settling:
+    def _settling(self, motion: _DropMotion) -> _Settling:
         """The end of a drop: how the robot came to rest, and lies in the last TAIL_S seconds."""
         h = self.timestep
         count = len(motion.height)
@@ -524,7 +524,7 @@ def _flights(pushes: NDArray[np.bool_], touch: int, timestep: float) -> list[tup
     return list(zip(starts[lasting].tolist(), ends[lasting].tolist(), strict=True))
 
 
-def _gain(motion: _Motion) -> float:
+def _gain(motion: _DropMotion) -> float:
     """Most energy that a flight begins with beyond the least before it, J; 0 for none.
 
     Before the first flight that is the energy at the touch; a flight that the contact throws up
