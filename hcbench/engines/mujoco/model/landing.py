@@ -122,6 +122,16 @@ class _Foot(NamedTuple):
 _Feet = dict[int, _Foot]
 
 
+class _Fall(NamedTuple):
+    """A drop from its first touch on: its feet, and of each step the force of the floor on the robot,
+    N upwards, and the speed of its centre of mass upwards at the step's start, m/s.
+    """
+
+    feet: _Feet
+    forces: list[float]
+    rising: list[float]
+
+
 def _heaviest_base(model: Any) -> int:
     """Number of the body on a free joint that carries most mass.
 
@@ -191,70 +201,65 @@ class _Bench:
         data.qpos[self._address : self._address + 3] += up * (height + to_touch)
         backend().mj_forward(self.model, data)
         forget_resets(data)
-        return self._fall(data, height, tilt, drive)
+        fall = self._fall(data, height, drive)
+        force: Floats = np.array(fall.forces)
+        footfalls = [foot.log.footfall(self._name(body, foot)) for body, foot in fall.feet.items()]
+        impulse = math.nan
+        if self._without_contact is not None:
+            impulse = self.timestep * float(force.max())
+        return Landing(
+            height=height,
+            tilt=tilt,
+            speed_in=-fall.rising[0],
+            speed_out=take_off_speed(force, np.array(fall.rising), self.timestep),
+            weight=self.over_floor.weight,
+            feet=tuple(footfalls),
+            time=np.arange(len(force), dtype=np.float64) * self.timestep,
+            force=force,
+            impulse=impulse,
+        )
 
-    def _fall(self, data: Any, height: float, tilt: float, drive: Drive) -> Landing:
-        """Simulate a drop until WINDOW_S (s) after the first touch, and read it.
+    def _fall(self, data: Any, height: float, drive: Drive) -> _Fall:
+        """Simulate a drop until WINDOW_S (s) after the first touch.
 
-        data: MjData at release, moved on. height, tilt, drive, errors: of `landing`.
+        data: MjData at release, moved on. height, drive, errors: of `landing`.
         """
         robot = self.over_floor
-        h = self.timestep
         jacobian = np.zeros((3, self.model.nv))
         latest_touch = _FALL_SHARE * math.sqrt(2.0 * height / robot.gravity) + _SLACK_S
-        feet: _Feet = {}
-        # From the first touch on: force of the floor, N, and speed of the centre of mass upwards
-        # at each step's start, m/s.
-        forces: list[float] = []
-        rising: list[float] = []
+        fall = _Fall({}, [], [])
         first_touch = math.nan
-        for step in range(math.ceil((latest_touch + WINDOW_S) / h)):
-            time = step * h
+        for step in range(math.ceil((latest_touch + WINDOW_S) / self.timestep)):
+            time = step * self.timestep
             drive(data)
             before = data.qvel.copy()
             struck = self._struck_points(data)
             backend().mj_step(self.model, data)
             _require_stable(data, time)
-            pressed, upward = self._pressed_points(data, before)
-            since_touch = time - first_touch if feet else 0.0
-            self._tread(feet, pressed, struck, since_touch)
-            if not feet:
+            pressed, force = self._pressed_points(data, before)
+            since_touch = time - first_touch if fall.feet else 0.0
+            self._tread(fall.feet, pressed, struck, since_touch)
+            if not fall.feet:
                 if time > latest_touch:
                     break
                 continue
-            if not forces:
+            if not fall.forces:
                 first_touch = time
-            force = upward
             if self._without_contact is not None:
                 force = self._force_by_momentum(data, self._without_contact)
             # The kinematics in `data` are those of the step's start.
             backend().mj_jacSubtreeCom(self.model, data, jacobian, robot.root)
-            forces.append(force)
-            rising.append(float(robot.up @ jacobian @ before))
+            fall.forces.append(force)
+            fall.rising.append(float(robot.up @ jacobian @ before))
             if time - first_touch > WINDOW_S:
                 break
-        if not feet:
+        if not fall.feet:
             raise UserError(
                 "model",
                 f"the robot met nothing within {latest_touch:.3g} s",
                 "a floor that it collides with",
             )
-        force_of_floor: Floats = np.array(forces)
-        footfalls = [foot.log.footfall(self._name(body, foot)) for body, foot in feet.items()]
-        impulse = math.nan
-        if self._without_contact is not None:
-            impulse = h * float(force_of_floor.max())
-        return Landing(
-            height=height,
-            tilt=tilt,
-            speed_in=-rising[0],
-            speed_out=take_off_speed(force_of_floor, np.array(rising), h),
-            weight=robot.weight,
-            feet=tuple(footfalls),
-            time=np.arange(len(forces), dtype=np.float64) * h,
-            force=force_of_floor,
-            impulse=impulse,
-        )
+        return fall
 
     def _struck_points(self, data: Any) -> list[_Point]:
         """Points that a plug-in's law will turn back by impulses in the step that goes on from

@@ -32,6 +32,8 @@ from hcbench.sim.rest import Rest, last_half, rest_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from numpy.typing import NDArray
+
     from hcbench.terms.impact import Floats
     from hcbench.terms.setting import Pair
 
@@ -270,40 +272,23 @@ def _followed(
 
     Both numbers are infinite where the state is not finite at the end.
     """
-    mujoco = backend()
-    data = mujoco.MjData(model)
+    data = backend().MjData(model)
     data.qpos[2] += above
     data.qpos[3:7] = body.quaternion
     data.qvel[:] = velocity
     g = -model.opt.gravity[2]
     h = model.opt.timestep
-    is_rk4 = model.opt.integrator == int(mujoco.mjtIntegrator.mjINT_RK4)
-    # A semi-implicit step leaves the speed of its middle; RK4 that of its end.
-    gained = 0.0 if is_rk4 else g * h / 2
     inertia = model.body_inertia[1] / model.body_mass[1]
     began = (data.qvel[:3] @ data.qvel[:3] + inertia @ data.qvel[3:] ** 2) / 2
     # Without gravity a body that a contact has stopped has none to compare with.
     slowest = max((_SLOWEST * g * h) ** 2 / 2, _ROUND_OFF * began)
-    steps = min(round(seconds / h), _STEPS)
-    # Of each state: the number of contacts in the step that led there, and qvel; height at its end.
-    # Hundred thousands of steps are taken here: what is computed from them waits for the end.
-    contacts = np.empty(steps, dtype=int)
-    speeds = np.empty((steps, 6))
-    heights = np.empty(steps)
-    place = data.qpos
-    motion = data.qvel
-    step = mujoco.mj_step
-    start = float(place[2])
-    for k in range(steps):
-        contacts[k] = data.ncon
-        speeds[k] = motion
-        step(model, data)
-        heights[k] = place[2]
+    start = float(data.qpos[2])
+    contacts, speeds, heights = _stepped(model, data, min(round(seconds / h), _STEPS))
     if not np.isfinite(data.qpos).all():
         return _Path(math.inf, math.inf)
     # Without contacts the step from a state was free flight.
     free = np.flatnonzero(contacts == 0)
-    v = speeds[free, :3] - np.array([0.0, 0.0, gained])
+    v = speeds[free, :3] - np.array([0.0, 0.0, _gained_since(model)])
     turning = speeds[free, 3:]
     before = np.concatenate([[start], heights[:-1]])[free]
     # J/kg, of free flight.
@@ -315,6 +300,37 @@ def _followed(
     least = np.fmin.accumulate(since)[:-1]
     grew = np.fmax.reduce(since[1:] / np.maximum(least, slowest), initial=0.0)
     return _Path(float(grew), float(np.fmax.reduce(heights)) - body.high)
+
+
+def _stepped(model: Any, data: Any, steps: int) -> tuple[NDArray[np.int_], Floats, Floats]:
+    """(number of contacts in the step that led to each of n states, (n,); its qvel, (n, 6); height
+    of the body after the step from it, m, (n,)) of a body on a free joint.
+
+    data: moved on by n = `steps` steps. Hundred thousands of them are taken here: what is computed
+    from them waits for the end.
+    """
+    contacts = np.empty(steps, dtype=int)
+    speeds = np.empty((steps, 6))
+    heights = np.empty(steps)
+    # Views of the state.
+    place = data.qpos
+    motion = data.qvel
+    step = backend().mj_step
+    for k in range(steps):
+        contacts[k] = data.ncon
+        speeds[k] = motion
+        step(model, data)
+        heights[k] = place[2]
+    return contacts, speeds, heights
+
+
+def _gained_since(model: Any) -> float:
+    """Speed that gravity has given since the moment of a state's velocity, m/s downwards.
+
+    A semi-implicit step leaves the speed of its middle; RK4 that of its end.
+    """
+    is_rk4 = model.opt.integrator == int(backend().mjtIntegrator.mjINT_RK4)
+    return 0.0 if is_rk4 else -model.opt.gravity[2] * model.opt.timestep / 2
 
 
 def creep(contact: Contact, options: Stepping, body: _ThrownBody) -> float:
@@ -453,10 +469,6 @@ def _growth(model: Any, data: Any, seconds: float) -> float:
     mujoco = backend()
     g = -model.opt.gravity[2]
     h = model.opt.timestep
-    # A semi-implicit step leaves the speed of its middle; RK4 that of its end.
-    is_rk4 = model.opt.integrator == int(mujoco.mjtIntegrator.mjINT_RK4)
-    # Speed gained by gravity since then, m/s.
-    gained = 0.0 if is_rk4 else g * h / 2
     slowest = (_SLOWEST * g * h) ** 2 / 2
     inertia = model.body_inertia[1] / model.body_mass[1]
     least = math.inf  # J/kg
@@ -464,7 +476,7 @@ def _growth(model: Any, data: Any, seconds: float) -> float:
     # Views of the state: ten thousands of steps are taken here.
     linear = data.qvel[:3]
     turning = data.qvel[3:6]
-    ahead = np.array([0.0, 0.0, gained])
+    ahead = np.array([0.0, 0.0, _gained_since(model)])
     for _ in range(round(seconds / h)):
         if not data.ncon:
             v = linear - ahead
