@@ -250,7 +250,7 @@ def checks_of(path: Path, baseline: Path | None = None) -> list[Check]:
 def checks_in(
     content: dict[str, Any] | None, path: Path, baseline: Path | None = None
 ) -> list[Check]:
-    """The checks of a file's table, planned; the models are not opened.
+    """Checks that the table of a file lists, planned; the models are not opened.
 
     content: the table, None for a file without one. path: of the file, from whose folder paths
     lead. baseline: a file to hold all of the checks against, instead of what they say.

@@ -261,10 +261,10 @@ def _label(source: str | tuple[str, ...]) -> str:
 
 
 def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
-    """Answer of a job, within the limit of memory.
+    """Answer of a job, within the limit of memory that a model may take.
 
-    Raises EngineFailed for any error that is not hcbench's own, and for a model that needs more
-    memory.
+    Raises what `work` raises of hcbench's own errors; UserError for names that are not in UTF-8;
+    EngineFailed for any other error, and for a model that needs more memory.
     """
     try:
         with memory_limit(_memory()), beyond_bounds(job.beyond_bounds):

@@ -319,7 +319,7 @@ def _row_setter(
 def pairs_to_tune(
     model: Any, label: str, requests: Sequence[Sequence[Request]]
 ) -> list[PairToTune]:
-    """The pairs of a user's compiled model, those of one shape and nearly one load alike.
+    """Pairs of a user's compiled model, those of one shape and nearly one load alike.
 
     label: its name in errors. requests: of each pair, one for each attitude. Raises UserError where
     no <pair> keeps its e or a pair cannot be measured, and SceneError.

@@ -125,8 +125,8 @@ class Band:
 
 
 def band_of(target: Target, law: HuntCrossley, integrator: str) -> Band:
-    """The band of penetrations that a target's speeds reach under a law without its loss, which
-    goes deepest.
+    """Band of penetrations that a target's speeds reach under a law without its loss, which goes
+    deepest: mass v²/2 = k xⁿ⁺¹/(n + 1).
 
     integrator: its name; under Euler's kinds rates lag positions by half a step.
     """
