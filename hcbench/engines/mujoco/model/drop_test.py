@@ -385,9 +385,12 @@ class DropBench:
 
 
 def landing(source: Any, requests: Sequence[Request], like: DropTest | None) -> DropTest:
-    """The whole test of a model; as long as `like`, and else as long as the robot stands.
+    """The whole test of a robot: every drop, each as long as those of `like`; None: as long as one
+    that stands takes to rest, or a robot that falls over to touch.
 
-    Raises UserError for what cannot be dropped.
+    source: a file, MJCF text or an MjSpec. requests: of pairs of the robot with its floor.
+    Raises UserError for what cannot be dropped or copied, EngineMissing for a MuJoCo without
+    contact sensors.
     """
     bench = DropBench(spec_of(source), label_of(source), requests)
     if like is not None:
@@ -400,8 +403,11 @@ def landing(source: Any, requests: Sequence[Request], like: DropTest | None) -> 
 
 
 def landing_peaks(source: Any, request: Request) -> tuple[LandingPeak, ...]:
-    """Peak forces on the whole tree of the pair's moving body, dropped flat from each height, over
-    its weight. Raises UserError for what cannot be dropped.
+    """Peak forces on the whole tree of the pair's moving body, dropped flat from each of HEIGHTS,
+    over its weight; infinite where it diverges.
+
+    source: a file, MJCF text or an MjSpec. Raises UserError for what cannot be dropped or copied,
+    EngineMissing for a MuJoCo without contact sensors.
     """
     bench = DropBench(spec_of(source), label_of(source), [request], falling_root)
     of_height: dict[float, list[float]] = {height: [] for height in HEIGHTS}

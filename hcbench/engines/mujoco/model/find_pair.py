@@ -10,6 +10,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model.bodies import (
+    FREE_DOFS,
     approach_row,
     body_name,
     can_meet,
@@ -31,8 +32,6 @@ from hcbench.terms.impact import Floats
 # Parts of a MuJoCo model that the names of a pair mean, joints that move them, and reasons why
 # some never meet.
 
-# Of a free joint: a body with these can be moved as a whole.
-_FREE_DOFS = 6
 # Joints of a robot that a message names.
 _NAMED_JOINTS = 6
 
@@ -222,7 +221,7 @@ def _base_of(model: Any, chain: Sequence[int]) -> MovingJoint | None:
 
     chain: numbers of a body and of those that it hangs on, up to the root; () for the world.
     """
-    if not chain or model.body_dofnum[chain[-1]] != _FREE_DOFS:
+    if not chain or model.body_dofnum[chain[-1]] != FREE_DOFS:
         return None
     root = chain[-1]
     words = f"the whole robot, by its base {body_name(model, root)!r}"
@@ -243,7 +242,7 @@ def _from_named_body(model: Any, chain: Sequence[int], name: str) -> MovingJoint
         raise UserError("move", f"no body {name!r}", *suggest_names(name, names[1:]))
     if (start := names.index(name)) not in chain:
         return None
-    if model.body_dofnum[start] == _FREE_DOFS:
+    if model.body_dofnum[start] == FREE_DOFS:
         return MovingJoint(start, _translations(model, start), f"body {name!r} on its free joint")
     joints: list[int] = []
     for ancestor in reversed(chain[: chain.index(start) + 1]):

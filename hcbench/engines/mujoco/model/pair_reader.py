@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.pair import BOTH_SIDES
 from hcbench.engines.mujoco.model.place import PairAtTouch
 from hcbench.sim.model_under_test import Vector
 from hcbench.sim.tangential import plate_frame
@@ -293,8 +294,7 @@ class PairReader:
         self._geoms = geoms
         self._mine = []
         for i, (a, b) in enumerate(geoms):
-            # A geom of the first counts 1, one of the second 2: only one of each add up to 3.
-            if sides[a] + sides[b] == 3:
+            if sides[a] + sides[b] == BOTH_SIDES:
                 is_turned = bool(sides[a] == 2)
                 is_pyramid = self._pyramid and dims[i] > 1
                 self._mine.append((i, is_turned, is_pyramid))
@@ -340,7 +340,7 @@ class PairReader:
         geoms = data.contact.geom
         # A geom of -1 is none: the contact is that of a flex.
         acting = (data.contact.efc_address >= 0) & (geoms.min(axis=1) >= 0)
-        geoms = geoms[acting & (sides[geoms].sum(axis=1) != 3)]
+        geoms = geoms[acting & (sides[geoms].sum(axis=1) != BOTH_SIDES)]
         inside = in_tree[geoms]
         one_is_inside = inside.any(axis=1)[:, None]
         both_are_inside = inside.all(axis=1)[:, None]

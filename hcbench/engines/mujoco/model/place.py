@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
-from hcbench.engines.mujoco.model.bodies import effective_mass, geom_name, response
+from hcbench.engines.mujoco.model.bodies import FREE_DOFS, effective_mass, geom_name, response
 from hcbench.engines.mujoco.model.find_pair import (
     MovingJoint,
     chosen_joint,
@@ -17,7 +17,7 @@ from hcbench.engines.mujoco.model.find_pair import (
     moving_joints,
     no_contact_error,
 )
-from hcbench.engines.mujoco.model.pair import ContactPair, Nearest, PairContact
+from hcbench.engines.mujoco.model.pair import BOTH_SIDES, ContactPair, Nearest, PairContact
 from hcbench.engines.mujoco.model.start_pose import MOVED, require_joints_within_limits
 from hcbench.engines.mujoco.model.touch_search import TouchSearch, swing, swing_to_touch
 from hcbench.sim.model_under_test import Vector
@@ -31,8 +31,6 @@ from hcbench.terms.impact import Floats
 ABOVE: Vector = (0.0, 0.0, 1.0)
 # Depth, m, up to which a robot may stand in the floor at the start and is raised.
 _RAISED = 0.1
-# Degrees of freedom of a free body: a robot has joints besides.
-_BASE_DOFS = 6
 # Gap, m, at the end of a way from which the two have passed each other.
 _MISSED = 1e-6
 
@@ -205,7 +203,7 @@ def _is_alone(pair: ContactPair, base: MovingJoint) -> bool:
     """Say whether nothing hangs by a joint on the body that a free base carries."""
     model = pair.model
     tree = model.body_rootid[model.dof_bodyid] == model.body_rootid[base.body]
-    return int(tree.sum()) <= _BASE_DOFS
+    return int(tree.sum()) <= FREE_DOFS
 
 
 class _PassedError(UserError):
@@ -479,7 +477,11 @@ def _require_room(pair: ContactPair, data: Any) -> None:
     for contact in data.contact:
         one, other = contact.geom.tolist()
         # A geom of -1 is none: the contact is that of a flex.
-        if min(one, other) < 0 or contact.exclude or pair.sides[one] + pair.sides[other] == 3:
+        if (
+            min(one, other) < 0
+            or contact.exclude
+            or pair.sides[one] + pair.sides[other] == BOTH_SIDES
+        ):
             continue
         if moves[one] == moves[other]:
             continue

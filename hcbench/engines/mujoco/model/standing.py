@@ -14,6 +14,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model.bodies import effective_mass
+from hcbench.engines.mujoco.model.pair import BOTH_SIDES
 from hcbench.engines.mujoco.model.pair_reader import MujocoAlongPlate
 from hcbench.sim.loads import (
     LAST,
@@ -130,8 +131,8 @@ def laid_down(opened: OpenedModel) -> tuple[Rest | None, Any]:
 
 
 def _touches(opened: OpenedModel, data: Any) -> bool:
-    """Say whether `data` has a contact of the pair, whose two sides add up to 3."""
-    return bool((opened.place.pair.sides[data.contact.geom].sum(axis=1) == 3).any())
+    """Say whether `data` has a contact of the pair, by the sides of its geoms."""
+    return bool((opened.place.pair.sides[data.contact.geom].sum(axis=1) == BOTH_SIDES).any())
 
 
 def _at_touch(opened: OpenedModel) -> Any:
@@ -217,7 +218,9 @@ def force_and_depth(opened: OpenedModel, data: Any, sides: Sequence[int]) -> tup
     sides: of each geom, as a list: of a few contacts NumPy would take ten times as long.
     """
     contacts = data.contact
-    of_pair = [i for i, (a, b) in enumerate(contacts.geom.tolist()) if sides[a] + sides[b] == 3]
+    of_pair = [
+        i for i, (a, b) in enumerate(contacts.geom.tolist()) if sides[a] + sides[b] == BOTH_SIDES
+    ]
     if not of_pair:
         return 0.0, 0.0
     distances = contacts.dist.tolist()
@@ -354,7 +357,7 @@ class _ForceAtTouch:
         point = np.zeros(3)
         for i in range(data.ncon):
             contact = data.contact[i]
-            if sides[contact.geom].sum() != 3:
+            if sides[contact.geom].sum() != BOTH_SIDES:
                 continue
             backend().mj_contactForce(opened.model, data, i, wrench)
             frame = contact.frame.reshape(3, 3)
@@ -493,6 +496,6 @@ def _stands_elsewhere(opened: OpenedModel, data: Any) -> bool:
     moving = rigid[opened.place.pair.first.body]
     for i in range(data.ncon):
         geoms = data.contact[i].geom
-        if sides[geoms].sum() != 3 and moving in rigid[opened.model.geom_bodyid[geoms]]:
+        if sides[geoms].sum() != BOTH_SIDES and moving in rigid[opened.model.geom_bodyid[geoms]]:
             return True
     return False

@@ -15,6 +15,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, can_pull
 from hcbench.engines.mujoco.model.bodies import (
+    FREE_DOFS,
     explicit_pairs,
     integrator_name,
     masks_match,
@@ -55,8 +56,6 @@ if TYPE_CHECKING:
 # Directions in a geom that point at the other body, by shape: see `_ways_of_shape`.
 _BOX = {"face": (0.0, 0.0, 1.0), "edge": (0.0, 1.0, 1.0), "vertex": (1.0, 1.0, 1.0)}
 _ROUND = {"face": (0.0, 0.0, 1.0), "side": (1.0, 0.0, 0.0), "rim": (1.0, 0.0, 1.0)}
-# Of a free joint: a body with these alone hangs on nothing.
-_FREE_DOFS = 6
 _NEAR = 1e-3  # m
 
 
@@ -139,7 +138,7 @@ def _is_loose(model: Any, body: int) -> bool:
     return (
         len(tree) == 1
         and int(model.body_geomnum[body]) == 1
-        and int(model.body_dofnum[body]) == _FREE_DOFS
+        and int(model.body_dofnum[body]) == FREE_DOFS
     )
 
 

@@ -91,7 +91,10 @@ class Load:
 
     @classmethod
     def at_touch(cls, place: PairAtTouch, timestep: float, rk4: bool, slides: bool) -> Load:
-        """The load on the contact of a pair that just touches; the others as in the class."""
+        """The load on the contact of a pair that just touches.
+
+        timestep: s. rk4, slides: as in the class.
+        """
         mobility = estimated_mobility(
             place.pair.model, place.pair.first.body, place.pair.second.body
         )

@@ -222,7 +222,7 @@ def certified(
 def _pasted(options: Options, pairs: Sequence[Pair]) -> str:
     """The MJCF that a user pastes for some pairs: <contact> of rows, or a law's plug-in instances.
 
-    A law's plug-in is loaded, so that MuJoCo can compile it.
+    A law's plug-in is loaded, so that MuJoCo can compile it. Raises CannotRun without a C compiler.
     """
     if options.law is None:
         lines = ""

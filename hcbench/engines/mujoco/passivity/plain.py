@@ -57,11 +57,12 @@ class Stepping:
 class Contact:
     """A contact that is tried in plain models.
 
-    option: attributes of <option> that it asks for.
-    text: what to paste for pairs of geoms.
-    gravity: m/s², in which bodies rest: the standard one where the scene has none.
+    timestep: s. option: attributes of <option> that it asks for. text: what to paste for pairs of
+    geoms.
+    gravity: m/s², of drops, slopes, boxes and what is laid down: the standard one where the scene
+    has none.
     radius: of the ball, m.
-    falls: gravity of the scene, m/s².
+    falls: gravity of the scene, m/s², under which what slides is thrown.
     friction: Coulomb's μ of the two geoms.
     """
 

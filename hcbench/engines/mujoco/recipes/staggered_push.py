@@ -204,42 +204,65 @@ def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGues
     knots: where those more springs start, m; they come first in the rows.
     guess: how many dampers, and their impedances.
     """
-    # SciPy's optimisation is slow to import.
-    from scipy.optimize import nnls
-
     law = band.law
-    mass = band.mass
     low = band.low
     top = band.top
     solimps = guess.solimps(low, top)
     widths = np.array([solimp[2] for solimp in solimps])
     x = np.concatenate([np.linspace(0.0, low, 40)[1:], np.geomspace(low, top, 120)])
-    f = law.stiffness / mass * x**law.exponent
-    scale = np.maximum(f, law.stiffness / mass * low**law.exponent)
+    force = law.stiffness / band.mass * x**law.exponent
     terms = _Terms.of(x, np.ones_like(x), np.zeros(len(widths)), solimps)
-    columns = terms.weights * terms.rate / scale[:, None]
-    D, _ = nnls(columns, law.dissipation * f / scale, maxiter=10_000)
-    # No damper is left out at the start: the fit could not revive it.
-    D = np.maximum(D, 1e-3 * D.max() * widths / top)
-    # From this depth on each damper's own spring outweighs it on the way out of the fastest impact.
-    depth = np.minimum(guess.from_depth * widths, top)
-    speed = band.speeds[-1] * np.sqrt(np.maximum(0.0, 1 - (depth / top) ** (law.exponent + 1)))
-    levers = np.zeros(len(widths))
-    for i, solimp in enumerate(solimps):
-        levers[i] = impedance(solimp, depth[i]) * depth[i] / solimp[1] ** 2
-    S = (D / guess.highest * speed + law.stiffness / mass * depth**law.exponent) / levers
+    damping = _damping_on_the_way_in(band, terms, force, widths)
+    stiffness = _springs_of_dampers(band, guess, solimps, damping)
     # Together these springs stay below the law's own force, so that the others have a part of it.
-    elastic = (terms.weights * terms.lever * S).sum(axis=1)
-    room = float((f * (1 + terms.weights.sum(axis=1)) / elastic).min())
-    S = S * min(1.0, 0.95 * room)
-    springs = np.zeros(len(knots))
+    elastic = (terms.weights * terms.lever * stiffness).sum(axis=1)
+    room = float((force * (1 + terms.weights.sum(axis=1)) / elastic).min())
+    stiffness = stiffness * min(1.0, 0.95 * room)
+    none_yet = np.zeros(len(knots))
     rows = PushingRows(
         np.concatenate([knots, np.zeros(len(widths))]),
         [SPRING_SOLIMP] * len(knots) + solimps,
-        np.concatenate([springs, S]),
-        np.concatenate([springs, D]),
+        np.concatenate([none_yet, stiffness]),
+        np.concatenate([none_yet, damping]),
     )
     return _fit_springs(samples, rows, len(knots))
+
+
+def _damping_on_the_way_in(band: Band, terms: _Terms, force: Floats, widths: Floats) -> Floats:
+    """Damping D of each damper, 1/s, (dampers,): together the law's, a f(x) v, nearest.
+
+    terms: of the dampers at n penetrations and rate 1. force: elastic force f of the law there, per
+    unit mass, (n,). widths: of the dampers' impedances, m.
+    """
+    # SciPy's optimisation is slow to import.
+    from scipy.optimize import nnls
+
+    law = band.law
+    scale = np.maximum(force, law.stiffness / band.mass * band.low**law.exponent)
+    columns = terms.weights * terms.rate / scale[:, None]
+    D, _ = nnls(columns, law.dissipation * force / scale, maxiter=10_000)
+    # No damper is left out at the start: the fit could not revive it.
+    return np.asarray(np.maximum(D, 1e-3 * D.max() * widths / band.top))
+
+
+def _springs_of_dampers(
+    band: Band, guess: InitialGuess, solimps: Sequence[Solimp], damping: Floats
+) -> Floats:
+    """Stiffness S, 1/s², of each damper row, with which its own spring outweighs it on the way out
+    of the fastest impact, from a share of its width on, (dampers,).
+
+    solimps, damping (1/s): of the dampers.
+    """
+    law = band.law
+    widths = np.array([solimp[2] for solimp in solimps])
+    depth = np.minimum(guess.from_depth * widths, band.top)
+    # Without loss: the energy that is left at that depth.
+    speed = band.speeds[-1] * np.sqrt(np.maximum(0.0, 1 - (depth / band.top) ** (law.exponent + 1)))
+    levers = np.zeros(len(widths))
+    for i, solimp in enumerate(solimps):
+        levers[i] = impedance(solimp, depth[i]) * depth[i] / solimp[1] ** 2
+    elastic = law.stiffness / band.mass * depth**law.exponent
+    return np.asarray((damping / guess.highest * speed + elastic) / levers)
 
 
 def _fit_springs(samples: Samples, rows: PushingRows, springs: int) -> PushingRows:
