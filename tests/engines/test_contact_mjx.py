@@ -178,7 +178,7 @@ def test_a_quadruped_rests_on_its_feet_no_deeper_than_on_mjx_s_own_contact() -> 
 
 
 def depth(model: mujoco.MjModel, qpos: Any) -> float:
-    """Of the deepest contact in a pose, m, below 0."""
+    """Distance of the deepest contact in a pose, m, below 0."""
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
     mujoco.mj_forward(model, data)
