@@ -182,7 +182,7 @@ def depth(model: mujoco.MjModel, qpos: Any) -> float:
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
     mujoco.mj_forward(model, data)
-    return min([0.0, *(contact.dist for contact in data.contact)])
+    return min([0.0, *(float(contact.dist) for contact in data.contact)])
 
 
 @jax_is_there
