@@ -307,14 +307,15 @@ def _force(
     after = np.where(step + 1 < gained.shape[1], before[near + 1 - before.size], last[ball])
     noise = np.abs(before[near]) + np.abs(after) + g * h
     noise *= _ROUND_OFF
-    slowing = gained.ravel()
-    slowing[near[np.abs(slowing[near]) <= noise]] = 0.0
-    slowing = np.divide(gained, h, out=gained)
+    flat = gained.ravel()  # a view of the same numbers
+    flat[near[np.abs(flat[near]) <= noise]] = 0.0
+    acceleration = np.divide(gained, h, out=gained)
     if sensed is not None:
         # A step that touches or parts on its way has no force yet, or no more, where it starts.
-        slowing = np.where((slowing != 0.0) & (np.abs(sensed) > _ROUND_OFF * g), sensed, slowing)
-    slowing *= model.scene.mass
-    return slowing
+        is_pressed = (acceleration != 0.0) & (np.abs(sensed) > _ROUND_OFF * g)
+        acceleration = np.where(is_pressed, sensed, acceleration)
+    acceleration *= model.scene.mass
+    return acceleration
 
 
 # Launches at once for each thread where each has a model of its own: more

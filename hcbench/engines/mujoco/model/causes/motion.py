@@ -208,9 +208,11 @@ def limits(context: Context) -> Iterator[Suspect]:
 
 
 def _reached(context: Context) -> tuple[list[int], list[int]]:
-    """(numbers of joints, of tendons) at a limit where the contact is deepest.
+    """(numbers of joints, of tendons) at a limit where the contact is deepest; all limited ones of
+    the model if none is.
 
-    All limited ones of the model if none is.
+    Looked for in the pose at touch, moved on along the approach by _DEEPER times the largest
+    penetration.
     """
     model = context.model
     place = context.place
