@@ -69,7 +69,11 @@ _CAVEATS = (
 
 
 def vocabulary(contact: OneContact) -> Vocabulary:
-    """The bounce in one step, and the spring and damper."""
+    """One contact in MuJoCo's parameters: solref of a bounce in one step, and of a spring and
+    damper; with what is missing for either, and caveats.
+
+    Without an e it has neither.
+    """
     rows: list[SystemValue] = []
     missing: list[str] = []
     if contact.restitution is not None:
@@ -139,7 +143,7 @@ class MujocoEngine(
     )
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """The bounce in one step, and the spring and damper."""
+        """One contact in MuJoCo's parameters, for `hcbench convert`: see `vocabulary`."""
 
         return vocabulary(contact)
 

@@ -45,8 +45,10 @@ def integrator(context: Context) -> Iterator[Suspect]:
 
 
 def servo_damping(context: Context) -> Iterator[Suspect]:
-    """Suspect servos whose damping kv an implicit integrator applies to what the
-    contact gives, within the same step. Nothing where actuators are off.
+    """Suspect servos whose damping kv an implicit integrator applies to what the contact gives,
+    within the same step; at most one suspect. Nothing where actuators are off.
+
+    It is named where its fix alone takes half of the error, even if others cure as well.
     """
     model = context.model
     off = context.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_ACTUATION
