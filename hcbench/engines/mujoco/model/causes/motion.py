@@ -15,6 +15,7 @@ from hcbench.measuring import diagnose
 from hcbench.sim.model_under_test import Suspect
 from hcbench.system.text import time_step
 from hcbench.terms.impact import Status
+from hcbench.terms.resolution import NOTABLE_SHARE
 
 # Causes in the step, in the integrator, and in what else acts on the body.
 
@@ -181,8 +182,6 @@ def margin(context: Context) -> Iterator[Suspect]:
 
 # Causes in what holds or drives a body while it touches: limits, tethers, actuators, equalities.
 
-# Share of the speed at touch, lost to or gained from other causes than the contact, that is named.
-_NOTABLE = 0.005
 # Limits are looked for as deep as this times the largest penetration.
 _DEEPER = 1.5
 
@@ -190,10 +189,10 @@ _DEEPER = 1.5
 def limits(context: Context) -> Iterator[Suspect]:
     """Suspect limits of joints, and of tendons that tether a body, which take part in the bounce.
 
-    Named from the share _NOTABLE of the speed at touch on.
+    Named from the share NOTABLE_SHARE of the speed at touch on.
     """
     share = context.shares.get(LIMITS, 0.0)
-    if abs(share) < _NOTABLE:
+    if abs(share) < NOTABLE_SHARE:
         return
     joints, tendons = _reached(context)
     model = context.model
@@ -237,7 +236,7 @@ def _reached(context: Context) -> tuple[list[int], list[int]]:
 def drives(context: Context) -> Iterator[Suspect]:
     """Suspect actuators and equality constraints that push or hold during the contact.
 
-    Each from the share _NOTABLE of the speed at touch on.
+    Each from the share NOTABLE_SHARE of the speed at touch on.
     """
     flags = backend().mjtDisableBit
     for code, name, words, fix, flag in (
@@ -257,7 +256,7 @@ def drives(context: Context) -> Iterator[Suspect]:
         ),
     ):
         share = context.shares.get(name, 0.0)
-        if abs(share) >= _NOTABLE:
+        if abs(share) >= NOTABLE_SHARE:
             evidence = f"{share:+.2g} of the speed at touch"
             yield Suspect(code, words, evidence, fix, partial(fixes.disable, flag=int(flag)))
 
