@@ -156,7 +156,7 @@ class MujocoEngine(
         if "law" not in setting.options:
             rows = mjcf.rows_snippet(setting, form, pair) if setting.options.get("rows") else ""
             return rows or setting.options_text
-        from hcbench.engines.mujoco.plugin.law_mjcf import law_snippet
+        from hcbench.engines.mujoco.plugin import law_snippet
 
         options = read_options(setting.options)
         assert options.law is not None
