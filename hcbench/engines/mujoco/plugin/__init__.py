@@ -372,8 +372,9 @@ def law_instances(law: Law, pairs: Sequence[Pair]) -> str:
 def law_snippet(law: Law, form: str, pair: Pair = PAIR, friction: float = 0.0) -> str:
     """Return the MJCF of a law, to paste into a user's model.
 
-    pair: its geoms, the first of which moves.
-    friction: μ that goes with a force law.
+    form: "cup" for the upper limit of a tendon named "contact", else two geoms.
+    pair: names of the geoms, the first of which moves.
+    friction: μ that goes with a force law; 0 for none.
     """
     keys = _PAIRS[form] if form == "cup" else dict(zip(("geom1", "geom2"), pair, strict=True))
     lines = [

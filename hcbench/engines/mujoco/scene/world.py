@@ -64,7 +64,8 @@ def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:
             f"below |R2| - R1 = {model.clearance!r} m, where the centres meet",
             "Drop from lower, or in the form 'plane'",
         )
-    states, (position, velocity) = np.tile(model.origin, (len(gaps), 1)), model.at
+    states = np.tile(model.origin, (len(gaps), 1))
+    position, velocity = model.at
     away = np.array(model.scene.normal)
     states[:, position : position + 3] += model.scene.touch_offset + np.outer(gaps, away)
     states[:, velocity : velocity + 3] = np.outer(-sent.speed, away)
