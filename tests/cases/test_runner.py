@@ -56,10 +56,14 @@ def code_lines(text: str) -> int:
     return sum(bool(line) and line[0] != "#" and i not in said for i, line in lines)
 
 
-PYMUNK = Path(__file__).parents[2] / "examples" / "cases" / "pymunk_adapter.py"
+EXAMPLES = {
+    path.stem: path
+    for path in (Path(__file__).parents[2] / "examples" / "cases").glob("*_adapter.py")
+}
+OF_ENGINES = {**adapters(), **EXAMPLES}
 
 
-@pytest.mark.parametrize("path", [*adapters().values(), PYMUNK], ids=[*adapters(), "pymunk"])
+@pytest.mark.parametrize("path", OF_ENGINES.values(), ids=OF_ENGINES)
 def test_an_adapter_is_small_and_needs_its_engine_alone(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     assert code_lines(text) <= ADAPTER_LINES
