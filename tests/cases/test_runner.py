@@ -140,7 +140,7 @@ def test_engines_do_what_they_are_known_to(results: list[dict[str, Any]]) -> Non
             assert found.restitution == (None if found.engine == "drake" else "obeyed")
 
 
-MANY = ("newton", "mujoco-warp", "mjx", "opensim")
+MANY = ("newton", "mujoco-warp", "mjx", "opensim", "physx", "rapier", "dart", "exudyn")
 
 
 @pytest.mark.slow
@@ -150,7 +150,8 @@ def test_engines_from_the_index_do_what_they_are_known_to() -> None:
     for found in every:
         failed = {v["case"] for v in found.verdicts if v["verdict"] in ("fail", "error")}
         assert failed == set(known_failures().get(found.engine, {})), found.name
-    assert sum(found.cpu_s for found in every if found.engine != "mjx") < 90  # JAX compiles first
+        # Newton's Steel takes 18 s; JAX compiles MJX first.
+        assert found.cpu_s < 30 or found.engine.startswith("mjx"), found.name
 
 
 def test_without_its_package_an_engine_author_needs_two_files(tmp_path: Path) -> None:
