@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 the hcbench authors
 # SPDX-License-Identifier: Apache-2.0
-"""ODE, as panda3d has it: python hcbench_cases.py ode_adapter.py. Friction and restitution are of
-a contact, so of the pair itself.
+"""ODE in panda3d: python hcbench_cases.py ode_adapter.py. Friction and restitution are of a contact,
+so of the pair itself.
 """
 
 from importlib.metadata import version

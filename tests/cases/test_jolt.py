@@ -19,8 +19,7 @@ NODE = Path(os.environ.get("HCBENCH_ENGINES", "none")) / "node"
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.mjs")), ids=lambda path: path.name)
 def test_it_needs_at_most_63_lines(path: Path) -> None:
-    """As docs/howto/cases.md says."""
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= 63
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 63, "as docs/howto/cases.md says"
 
 
 @pytest.mark.skipif(
