@@ -74,7 +74,8 @@ def exudyn_with_a_contact_of_one_step(adapter: dict[str, Any]) -> type:
 
 
 def rapier_with_one_point_of_contact(adapter: dict[str, Any]) -> type:
-    best, rapier = adapter["RapierBodies"], adapter["rapier"]
+    best: Any = adapter["RapierBodies"]
+    rapier = adapter["rapier"]
 
     class Middle:
         """Replaces the points of a contact by the one in their middle."""
