@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Jolt in the cases of hcbench, without Python: node jolt.mjs hcbench-cases-1.json > jolt.json
+// With "stock" behind, nothing is chosen but restitution and friction.
 // Needs: npm install jolt-physics@1.1.0. Judge the results by: hcbench cases score jolt.json
 import { readFileSync } from "node:fs";
 import { createRequire } from "node:module";
@@ -15,9 +16,9 @@ phases.MapObjectToBroadPhaseLayer(0, new Jolt.BroadPhaseLayer(0));
 settings.mObjectVsBroadPhaseLayerFilter = new Jolt.ObjectVsBroadPhaseLayerFilterTable(phases, 1, layers, 1);
 const engine = new Jolt.JoltInterface(settings);
 const system = engine.GetPhysicsSystem(), bodies = system.GetBodyInterface();
-const physics = system.GetPhysicsSettings();
-physics.mMinVelocityForRestitution = 0; // 1 m/s by default
-physics.mPenetrationSlop = 1e-4; // 20 mm by default
+const physics = system.GetPhysicsSettings(), isStock = process.argv[3] === "stock";
+// 1 m/s and 20 mm by default.
+if (!isStock) Object.assign(physics, { mMinVelocityForRestitution: 0, mPenetrationSlop: 1e-4 });
 system.SetPhysicsSettings(physics);
 
 const vector = (x) => new Jolt.Vec3(...x), numbers = (v) => [v.GetX(), v.GetY(), v.GetZ()];
@@ -25,7 +26,7 @@ function add(shape, body, motion, restitution, friction) {
   const place = new Jolt.RVec3(...body.position), turn = new Jolt.Quat(0, 0, 0, 1);
   const made = new Jolt.BodyCreationSettings(shape, place, turn, motion, 0);
   const free = { mLinearDamping: 0, mAngularDamping: 0, mAllowSleeping: false, mMaxAngularVelocity: 1e6 };
-  Object.assign(made, { mRestitution: restitution, mFriction: friction, ...free });
+  Object.assign(made, { mRestitution: restitution, mFriction: friction, ...(isStock ? {} : free) });
   made.mOverrideMassProperties = Jolt.EOverrideMassProperties_CalculateInertia;
   made.mMassPropertiesOverride.mMass = body.mass;
   made.mLinearVelocity = vector(body.velocity ?? [0, 0, 0]);
@@ -57,6 +58,6 @@ function run({ world: shared, body: same }, { world: own, record }) {
   return { states };
 }
 
-const cases = JSON.parse(readFileSync(process.argv[2])), about = { name: "jolt", version, combine: "maximum" };
+const cases = JSON.parse(readFileSync(process.argv[2])), name = isStock ? "jolt-stock" : "jolt";
 const runs = Object.fromEntries(cases.cases.map((each) => [each.id, each.runs.map((one) => run(each, one))]));
-console.log(JSON.stringify({ format: 1, set: cases.set, engine: about, runs }));
+console.log(JSON.stringify({ format: 1, set: cases.set, engine: { name, version, combine: "maximum" }, runs }));

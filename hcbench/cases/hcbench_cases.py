@@ -120,7 +120,7 @@ def _run_batch(engine: Any, batch: list[tuple[Json, Json]]) -> None:
         worlds = engine.state() if is_batch else [engine.state()]
         for (_, states), is_asked, bodies in zip(made, asked, worlds, strict=True):
             if is_asked:
-                # Nine digits are far below any tolerance.
+                # Nine digits: far below any tolerance.
                 states.append([step, *([float(f"{x:.9g}") for x in b] for b in bodies)])
 
 
@@ -369,7 +369,7 @@ def run_apart(
                 runs |= results["runs"]
                 cpu_s += results["cpu_s"]
             said = done.stderr.strip()
-            why = f"ended with {done.returncode}: {said[-200:]}"
+            why = f"ended with {done.returncode}: {' '.join(said.split())[-200:]}"
             if "Timeout (" in said:  # of faulthandler
                 why = f"took longer than --limit, {limit:g} s"
             if not results:

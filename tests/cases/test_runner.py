@@ -26,7 +26,7 @@ from hcbench.system.errors import EngineFailed
 # Bytes, not lines: a limit on lines fills each of them.
 RUNNER_BYTES = 20_000
 # Of code: comments and docstrings help who copies an adapter.
-ADAPTER_LINES = 100
+ADAPTER_LINES = 120
 
 
 @pytest.fixture(scope="module")
@@ -56,10 +56,14 @@ def code_lines(text: str) -> int:
     return sum(bool(line) and line[0] != "#" and i not in said for i, line in lines)
 
 
-PYMUNK = Path(__file__).parents[2] / "examples" / "cases" / "pymunk_adapter.py"
+EXAMPLES = {
+    path.stem: path
+    for path in (Path(__file__).parents[2] / "examples" / "cases").glob("*_adapter.py")
+}
+OF_ENGINES = {**adapters(), **EXAMPLES}
 
 
-@pytest.mark.parametrize("path", [*adapters().values(), PYMUNK], ids=[*adapters(), "pymunk"])
+@pytest.mark.parametrize("path", OF_ENGINES.values(), ids=OF_ENGINES)
 def test_an_adapter_is_small_and_needs_its_engine_alone(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     assert code_lines(text) <= ADAPTER_LINES
@@ -136,7 +140,7 @@ def test_engines_do_what_they_are_known_to(results: list[dict[str, Any]]) -> Non
             assert found.restitution == (None if found.engine == "drake" else "obeyed")
 
 
-MANY = ("newton", "mujoco-warp", "mjx", "opensim")
+MANY = ("newton", "mujoco-warp", "mjx", "opensim", "physx", "rapier", "dart", "exudyn")
 
 
 @pytest.mark.slow
@@ -146,7 +150,8 @@ def test_engines_from_the_index_do_what_they_are_known_to() -> None:
     for found in every:
         failed = {v["case"] for v in found.verdicts if v["verdict"] in ("fail", "error")}
         assert failed == set(known_failures().get(found.engine, {})), found.name
-    assert sum(found.cpu_s for found in every if found.engine != "mjx") < 90  # JAX compiles first
+        # Newton's Steel takes 18 s; JAX compiles MJX first.
+        assert found.cpu_s < 30 or found.engine.startswith("mjx"), found.name
 
 
 def test_without_its_package_an_engine_author_needs_two_files(tmp_path: Path) -> None:

@@ -69,3 +69,9 @@ def test_at_least_24_questions_are_answered_of_40() -> None:
     open_ones = PAGE.partition("## Not answered here")[2]
     assert len(ANSWERS) >= 24
     assert len(ANSWERS) + open_ones.count("\n| ") - 1 >= 40
+
+
+def test_an_answer_says_first_where_its_scene_is_not_the_askers() -> None:
+    for answer in PAGE.split("\n**")[1:]:
+        if "hcbench cases run" in answer and "examples/outside/" not in answer:
+            assert re.match(r"[^(]*\([^)]*\)\. Not ", answer), answer

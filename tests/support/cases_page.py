@@ -11,6 +11,7 @@ import json
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 from hcbench.cases import schema
@@ -51,7 +52,10 @@ def tables() -> dict[str, str]:
             [("case", "what it asks", "runs", "tolerance", "source of the true value"), *asked]
         ),
         "matrix": table([rows[0], *(row.values() for row in rows)]),
-        "changes": "\n".join(f"- {line}" for line in regressions(measured())),
+        "changes": "\n".join(
+            fill(f"- {line}", 100, subsequent_indent="  ", break_on_hyphens=False)
+            for line in regressions(measured())
+        ),
         "known": table([("engine", "case", "reason"), *known]),
         "fields": table([("object", "field", "type", "unit", "meaning"), *schema.fields()]),
     }

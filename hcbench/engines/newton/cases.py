@@ -10,9 +10,18 @@ import newton
 import numpy as np
 import warp
 
+# Of a contact, in m/h² and m/h: the damper of 1 stops a body in a step. SemiImplicit and Featherstone
+# are unstable beyond.
+GAINS = {
+    "newton-vbd": (1e3, 0.0),
+    "newton-semiimplicit": (0.9, 1.0),
+    "newton-featherstone": (0.9, 1.0),
+}
+
 
 class NewtonBodies:
     version = newton.__version__
+    gains = GAINS
 
     def __init__(
         self, solver: str, combine: str | None, options: dict[str, Any], suffix: str = ""
@@ -22,11 +31,14 @@ class NewtonBodies:
         self.solver = getattr(newton.solvers, f"Solver{solver}")
         # The damper's numbers are those of pairs, which MuJoCo's own finder of contacts has.
         self.has_pairs = self.name == "newton-mujoco"
+        # Steel's own damping of spins is 0.05/s.
+        is_steel = self.name == "newton-steel"
+        self.of_body = {"steel:rigid_body_angular_damping": 0.0} if is_steel else {}
         self.begin()
 
     def begin(self) -> None:
         self.builder = newton.ModelBuilder()
-        if self.has_pairs:
+        if self.has_pairs or self.of_body:
             self.solver.register_custom_attributes(self.builder)
 
     def make(self, world: dict[str, Any]) -> None:
@@ -39,7 +51,7 @@ class NewtonBodies:
         if self.combine is None and ((e and not self.has_pairs) or "materials" in world):
             raise NotImplementedError("has no restitution")
         mu = world["friction"]
-        common = {"mu": max(mu, 1e-5), "mu_torsional": 0.0, "mu_rolling": 0.0}
+        common = {"mu": max(mu, 1e-5), "mu_torsional": 0.0, "mu_rolling": 0.0, **self._gains(world)}
         if self.has_pairs:
             # With 1e6 a box does not rest; with less, friction changes a bounce.
             self.options["impratio"] = 1e6 if e else 100.0
@@ -48,7 +60,10 @@ class NewtonBodies:
         for body in world["bodies"]:
             i, at = -1, (*body["position"], 0, 0, 0, 1)
             if not body.get("fixed"):
-                i, at = builder.add_body(xform=at), (0.0,) * 6 + (1.0,)
+                i, at = (
+                    builder.add_body(xform=at, custom_attributes=self.of_body),
+                    (0.0,) * 6 + (1.0,),
+                )
                 builder.joint_qd[-6:] = [*body["velocity"], *body["spin"]]
             self._shape(i, at, body, builder.ShapeConfig(restitution=e, **common))
         if world["floor"]:
@@ -57,6 +72,16 @@ class NewtonBodies:
             for pair in combinations(range(first, builder.shape_count), 2):
                 self._damper(pair, e, mu)
         builder.end_world()
+
+    def _gains(self, world: dict[str, Any]) -> dict[str, float]:
+        """Stiffness and dampings of a contact, N/m and N s/m; empty for those of Newton."""
+        if self.name not in self.gains:
+            return {}
+        moving = [body for body in world["bodies"] if not body.get("fixed")]
+        points = 1 if all(body["shape"] == "sphere" for body in moving) else 4
+        stops = min(body["mass"] for body in moving) / (self.h * points)
+        stiffness, damping = self.gains[self.name]
+        return {"ke": stiffness * stops / self.h, "kd": damping * stops, "kf": 0.5 * stops}
 
     def _shape(self, i: int, at: Any, body: dict[str, Any], cfg: Any) -> None:
         """Add the shape of a body, by its number, to the world that has begun."""
@@ -109,12 +134,13 @@ class NewtonBodies:
         return now.reshape(self.worlds, -1, 9)
 
 
+STEEL = {"restitution_velocity_threshold": 0.0, "baumgarte": 0.0}  # else it throws a mesh
 # Each solver, how it joins two restitutions, and its options.
 ENGINES = [
     partial(NewtonBodies, "XPBD", "average", {"enable_restitution": True, "iterations": 10}),
     partial(NewtonBodies, "Kamino", "minimum", {}),
-    partial(NewtonBodies, "Steel", "average", {"restitution_velocity_threshold": 0.0}),
-    partial(NewtonBodies, "VBD", None, {}),
+    partial(NewtonBodies, "Steel", "average", STEEL),
+    partial(NewtonBodies, "VBD", None, {"iterations": 50}),
     partial(NewtonBodies, "MuJoCo", None, {"cone": "elliptic"}),
     partial(NewtonBodies, "SemiImplicit", None, {"angular_damping": 0}),
     partial(NewtonBodies, "Featherstone", None, {"angular_damping": 0}),

@@ -15,10 +15,13 @@ class RapierBodies:
 
     def set_world(self) -> None:
         """Choose parameters of the solver."""
+        parameters = self.world.integration_parameters
         # Lengths of a body, m: prediction, slop and largest speed are shares of it.
-        self.world.integration_parameters.length_unit = 0.05
-        self.world.integration_parameters.num_solver_iterations = 64
-        self.world.integration_parameters.friction_model = rapier.FrictionModel.COULOMB
+        parameters.length_unit = 0.05
+        # A contact that is found before the touch takes speed away without friction.
+        parameters.normalized_prediction_distance = 1e-3
+        parameters.num_solver_iterations = 64
+        parameters.friction_model = rapier.FrictionModel.COULOMB
 
     def make(self, world: dict[str, Any]) -> None:
         """Build a world of Rapier, its bodies at their start.
