@@ -256,7 +256,7 @@ def energy(model: Any, data: Any) -> float:
 
 
 def _cross(a: Any, b: Any) -> Any:
-    """a × b of vectors in the last axis, in a tenth of the time that np.cross takes for a few."""
+    """Cross products of vectors in the last axis: np.cross takes ten times as long for a few."""
     first = a.take(_NEXT, -1) * b.take(_LAST, -1)
     return first - a.take(_LAST, -1) * b.take(_NEXT, -1)
 
