@@ -169,7 +169,7 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
     low = [-np.inf, -8.0, float(time[0]) - lasts, 1.0][:varied]
     high = [np.inf, -1e-6, float(time[inside][-1]), 4.0][:varied]
     scale = [1.0, 0.1, lasts, 0.3][:varied]
-    # SciPy's optimisation is slow to import, and most data are no forces.
+    # SciPy's optimisation is slow to import, and few data are forces.
     from scipy.optimize import least_squares
 
     done = least_squares(

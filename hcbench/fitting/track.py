@@ -210,7 +210,7 @@ def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats)
     The track begins with the free fall, where there is one, else after the first touch.
     Raises UserError where there are too few touches, and where flights fall with quite another g.
     """
-    # It takes half a second to import, and most data are no tracks.
+    # It takes half a second to import, and few data are tracks.
     from scipy.signal import find_peaks
 
     # The third difference has 20 times the variance of white noise, and is 0 for free flight.
