@@ -39,6 +39,10 @@ def main() -> None:
         if number is not None and signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, _leave)
     gc.set_threshold(_GARBAGE)
+    # Before NumPy is imported: its matrices are small here, and threads would wait for one another
+    # in loops, in each of the worker processes, too.
+    if "OMP_NUM_THREADS" not in os.environ:
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from hcbench import cli
 
     cli.main()

@@ -6,6 +6,11 @@ from __future__ import annotations
 
 import gc
 import os
+
+# Before numpy is imported, here and in each process that a test starts: threads of its BLAS would
+# wait for one another in loops, and take the processor from the other testers.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 import re
 import signal
 from dataclasses import replace

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
-from scipy.optimize import least_squares
 from scipy.special import chdtri
 
 from hcbench.fitting.which_law import dissipation_of
@@ -171,6 +169,9 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
     low = [-np.inf, -8.0, float(time[0]) - lasts, 1.0][:varied]
     high = [np.inf, -1e-6, float(time[inside][-1]), 4.0][:varied]
     scale = [1.0, 0.1, lasts, 0.3][:varied]
+    # SciPy's optimisation is slow to import, and few data are forces.
+    from scipy.optimize import least_squares
+
     done = least_squares(
         residual, start[:varied], bounds=(low, high), x_scale=scale, diff_step=[1e-5] * varied
     )
@@ -300,6 +301,8 @@ def _half_width(force: Floats) -> int:
 
 def _smoothed(force: Floats, width: int) -> Floats:
     """The force averaged over a tenth of so many samples, (n,)."""
+    from scipy.ndimage import uniform_filter1d
+
     return np.asarray(uniform_filter1d(force, max(1, width // 10), mode="nearest"))
 
 
@@ -395,6 +398,8 @@ def fit_loop(
     if not exponent:
         start.append(1.5)
         order = [0, 2, 1]
+    from scipy.optimize import least_squares
+
     done = least_squares(residual, start, x_scale="jac")
     n = exponent or float(done.x[2])
     alpha = float(done.x[1])

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.io import wavfile
-from scipy.signal import butter, find_peaks, resample_poly, sosfilt
 
 from hcbench.system.errors import UserError
 from hcbench.system.files import why_no_file
@@ -423,6 +422,8 @@ def _all_bands(recording: Recording) -> FrequencyBand:
             band = np.maximum(band, half * (rise - 1.0 - np.log(rise)))
         evidence += band
         power += np.maximum(_mean_over(energy, round(_LONG[0] * rate)) / noise - 1.0, 0.0)
+    from scipy.signal import find_peaks
+
     peaks, _ = find_peaks(evidence, height=_ONSET, distance=max(1, round(_APART * rate)))
     # The evidence of a loud click begins a window before it: its power is largest within.
     level = 10.0 * np.log10(np.maximum(power[peaks], 1e-3))
@@ -445,6 +446,8 @@ def _mean_over(energy: Floats, samples: int) -> Floats:
 
 def _filtered(recording: Recording, lower: float, upper: float | None) -> Floats:
     """Sound above `lower`, Hz, and below `upper`, if given: shape (n,), without a look ahead."""
+    from scipy.signal import butter, sosfilt
+
     if upper is None:
         sections = butter(4, lower, "highpass", fs=recording.rate, output="sos")
     else:
@@ -474,6 +477,8 @@ def _clicks(sound: Floats, rate: int, step: float) -> tuple[Indices, Floats]:
     before += 0.3 * noise
     rise = np.divide(after, before, out=before)
     rise[after < _OVER_NOISE * noise] = 0.0
+    from scipy.signal import find_peaks
+
     peaks, _ = find_peaks(rise, height=_RISE, distance=max(1, round(_APART * rate)))
     loud = after[peaks]
     kept = np.sort(np.argsort(-loud)[:_MOST_CLICKS])
@@ -526,6 +531,8 @@ class Timer:
 
         onset: sample of the sound. A margin of 0.5 ms is kept at either end, for shifts.
         """
+        from scipy.signal import resample_poly
+
         before = round(0.3e-3 * self.band.rate)
         after = round(1.2e-3 * self.band.rate)
         margin = before + round(0.5e-3 * self.band.rate)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from hcbench.fitting.datasets import Dataset, bounce_train, drop_prior, pairs_of_launches
 from hcbench.fitting.linear import LinearModel
@@ -211,6 +210,9 @@ def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats)
     The track begins with the free fall, where there is one, else after the first touch.
     Raises UserError where there are too few touches, and where flights fall with quite another g.
     """
+    # It takes half a second to import, and few data are tracks.
+    from scipy.signal import find_peaks
+
     # The third difference has 20 times the variance of white noise, and is 0 for free flight.
     noise = float(np.median(np.abs(np.diff(heights, 3)))) / (0.6745 * math.sqrt(20.0))
     share = _SHARE * float(np.ptp(heights))

@@ -248,11 +248,17 @@ def energy(model: Any, data: Any) -> float:
     if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
         return total
     arm = data.xipos - data.subtree_com[model.body_rootid]
-    v = data.cvel[:, 3:] + np.cross(data.cvel[:, :3], arm)
+    v = data.cvel[:, 3:] + _cross(data.cvel[:, :3], arm)
     power = float(model.body_mass @ (v @ model.opt.gravity))
     power += float(data.qvel @ (data.qfrc_spring + data.qfrc_actuator))
     power += _power_of_turning(model, data)
     return total + 0.5 * float(model.opt.timestep) * power
+
+
+def _cross(a: Any, b: Any) -> Any:
+    """Cross products of vectors in the last axis: np.cross takes ten times as long for a few."""
+    first = a.take(_NEXT, -1) * b.take(_LAST, -1)
+    return first - a.take(_LAST, -1) * b.take(_NEXT, -1)
 
 
 def _power_of_turning(model: Any, data: Any) -> float:
@@ -267,10 +273,11 @@ def _power_of_turning(model: Any, data: Any) -> float:
             continue
         arm = data.subtree_com[body] - data.xpos[body]
         turn, v = data.cvel[body, :3], data.cvel[body, 3:]
-        power -= float(model.body_subtreemass[body] * v @ np.cross(turn, np.cross(turn, arm)))
+        power -= float(model.body_subtreemass[body] * v @ _cross(turn, _cross(turn, arm)))
     return power
 
 
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 NAMED = ("rad in a step", "too fast for a step")  # that MuJoCo's own step may gain energy
 
 

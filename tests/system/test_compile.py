@@ -7,13 +7,21 @@ import errno
 import os
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from hcbench.system import compiler as _compile
 from hcbench.system.errors import UserError
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _without_optimization() -> Iterator[None]:
+    """Libraries that are compiled in a sixth of the time: what they compute is tested elsewhere."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(_compile, "FLAGS", (*_compile.FLAGS, "-O0"))
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from long_searches import long_search
 
 import hcbench as hb
 from hcbench.cli import run
@@ -39,7 +40,7 @@ def tuned(**target: Any) -> hb.TunedModel:
     return hb.tune_model(QUADRUPED, FEET, **target)
 
 
-@pytest.mark.parametrize("rebound", [0.005, 0.02])
+@pytest.mark.parametrize("rebound", [pytest.param(0.005, marks=long_search), 0.02])
 def test_the_centre_of_mass_rebounds_by_the_target_at_phases_that_no_search_saw(
     rebound: float,
 ) -> None:
@@ -54,7 +55,7 @@ def test_the_centre_of_mass_rebounds_by_the_target_at_phases_that_no_search_saw(
 
 
 def test_nothing_else_is_worse_at_heights_and_tilts_that_no_search_saw() -> None:
-    found = tuned(rebound=0.005)
+    found = tuned(rebound=0.02)
     before = mujoco.MjModel.from_xml_path(str(QUADRUPED))
     after = mujoco.MjModel.from_xml_string(found.written)
     for height, phase, tilt in ((0.035, 0.39, 0.0), (0.07, 0.61, -0.05)):
@@ -125,7 +126,7 @@ def worse(test: DropTest) -> DropTest:
 
 
 def test_a_landing_is_worse_in_what_grew_by_more_than_is_stated() -> None:
-    landing = tuned(rebound=0.005).landing
+    landing = tuned(rebound=0.02).landing
     assert landing is not None
     was = landing.before
     deeper = f"largest penetration {1e3 * was.depth:.3g} -> {2e3 * was.depth:.3g} mm"
@@ -163,7 +164,7 @@ def a_try(name: str, source: Any, error: float, *, bounces: bool = True) -> Any:
 
 
 def chosen(*tries: Any, landed: bool = False, limit: float = 1.0) -> Any:
-    was = tuned(rebound=0.005).landing
+    was = tuned(rebound=0.02).landing
     assert was is not None
     before = was.before if landed else None
     return _best(Lands(), [], [], Wanted(restitution=0.5), before, limit, tries)  # type: ignore[arg-type]
@@ -186,7 +187,7 @@ def test_a_setting_with_which_the_robot_lands_worse_gives_way_to_one_that_gains(
 @pytest.fixture
 def landing_worse(tuned_once: None, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """`tune` finds a setting with which a robot lands worse."""
-    was = tuned(rebound=0.005).landing
+    was = tuned(rebound=0.02).landing
     assert was is not None
     change = LandingChange(was.before, worse(was.before))
     found = dataclasses.replace(ball(), landing=change)
