@@ -11,7 +11,7 @@
 #define HCB_SWEEPS 200
 #define HCB_SETTLED 1e-12 /* of the approach: a sweep that changes less is the last, */
 #define HCB_RUBBED 1e-9   /* and of several contacts' friction */
-#define HCB_RUN 10 /* sweeps of normal impulses after which one is followed on; */
+#define HCB_FOLLOWED 10 /* sweeps of normal impulses after which one is followed on; */
 #define HCB_LEAP 6 /* sweeps of friction after which those to come are guessed, */
 #define HCB_KEPT 4 /* from the last of them; */
 #define HCB_ALIKE 1e-10 /* of a sweep's change: what is as near to those before is the same */
@@ -120,7 +120,7 @@ static void set_steps(hcb_group* g) {
 /* Goes on as in the sweep from kept_p, which changed `ratio` of what the one before did: to where such sweeps lead, or until the first
    impulse ends. Contacts of one face whose parting speeds no motion of it can all have push against each other, by about as much in
    each sweep, until one lets go. */
-static void run(hcb_group* g, double ratio) {
+static void follow_sweep(hcb_group* g, double ratio) {
   double most = ratio < 1 ? ratio / (1 - ratio) : INFINITY;
   for (int i = 0; i < g->n; i++) {
     double less = g->kept_p[i] - g->lam[i];
@@ -158,8 +158,8 @@ static void bounce(hcb_group* g) {
     double lin = 0, quad = 0, last = INFINITY;
     for (int sweep = 1; round && sweep <= HCB_SWEEPS; sweep++) {
       double change = 0;
-      int runs = sweep % HCB_RUN == 0;
-      if (runs) memcpy(g->kept_p, g->lam, g->n * sizeof(double));
+      int follows = sweep % HCB_FOLLOWED == 0;
+      if (follows) memcpy(g->kept_p, g->lam, g->n * sizeof(double));
       for (int i = 0; i < g->n; i++) {
         double W = g->block[9 * i], d = fmax(-g->lam[i], (g->target[i] - rate_in(g, i, 0, g->v)) / W);
         g->lam[i] += d;
@@ -167,7 +167,7 @@ static void bounce(hcb_group* g) {
         change = fmax(change, fabs(d) * W);
       }
       if (change < HCB_SETTLED * fastest) break;
-      if (runs) run(g, change / last);
+      if (follows) follow_sweep(g, change / last);
       last = change;
     }
     for (int i = 0; i < g->n; i++) {

@@ -185,7 +185,7 @@ void hcb_resting_slip(const hcb_system* s, const double* u, const int* rests, do
   memset(g.p, 0, 3 * count * sizeof(double));
   memset(g.target, 0, count * sizeof(double));
   set_steps(&g);
-  for (int i = 0; i < 3 * count; i++) fastest = fmax(fastest, fabs(g.before[i]));
+  for (int i = 0; i < 3 * count; i++) fastest = larger(fastest, fabs(g.before[i]));
   for (int sweep = 0; sweep < HCB_RESTING_SWEEPS; sweep++) {
     if (friction_sweep(&g, 1, 1) <= HCB_RESTING_SETTLED * fastest) break;
   }
