@@ -76,7 +76,7 @@ def test_robots_of_packages_land_as_on_native_contact_or_are_named() -> None:
 
 
 def travels_of_ant(model: Any) -> list[float]:
-    """How far aside an ant ends from 12 drops with a tilted base, mm."""
+    """Distances from the start at which an ant ends after 12 drops with a tilted base, mm."""
     found = []
     for height, phase in itertools.product(HEIGHTS, (0.0, 0.25, 0.5, 0.75)):
         data = released(model, Drop(height, phase, tilt=5.0))
