@@ -126,3 +126,9 @@ def test_feet_that_slide_do_not_sink(options: dict[str, Any]) -> None:
 def test_the_page_has_each_robot() -> None:
     names = {label.rpartition(",")[0] for label in on_the_page(TABLE)}
     assert names == {robot.name for robot in ROBOTS}
+
+
+def test_robots_that_hardly_bounce_travel_no_more_than_the_page_says() -> None:
+    """But for those that fall over on native contact."""
+    rows = on_the_page(TABLE).values()
+    assert max(float(cells[6]) for cells in rows if cells[2] == "0") == 16
