@@ -11,11 +11,13 @@
 #define HCB_SWEEPS 200
 #define HCB_SETTLED 1e-12 /* of the approach: a sweep that changes less is the last, */
 #define HCB_RUBBED 1e-9   /* and of several contacts' friction */
-#define HCB_LEAP 10 /* sweeps of friction after which those to come are guessed, */
+#define HCB_FOLLOWED 10 /* sweeps of normal impulses after which one is followed on; */
+#define HCB_LEAP 6 /* sweeps of friction after which those to come are guessed, */
+#define HCB_KEPT 4 /* from the last of them; */
+#define HCB_ALIKE 1e-10 /* of a sweep's change: what is as near to those before is the same */
 #define HCB_STALLED 0.9995 /* where they shrink by no less than that; else they lead nowhere, */
 #define HCB_NOWHERE 1e-5 /* by no more than that of the approach; */
-#define HCB_NO_LESS 0.9  /* nor do those of friction that shrink by no less from leap to leap, */
-#define HCB_NEARLY 1e-7  /* by no more than that of the approach */
+#define HCB_NO_LESS 0.9  /* nor do those of friction that shrink by no less from leap to leap */
 #define HCB_LEAST_FRICTION 1e-9
 
 enum { HCB_LAW = 0, HCB_LINEAR = 1, HCB_CONSTANT = 2 };
@@ -60,7 +62,8 @@ typedef struct {
   const hcb_system* s;
   int n, parts;
   const int *of, *part;
-  double *base, *before, *block, *lam, *target, *p, *best_p, *kept_p, *v, *add, *best_v; /* block: J M^-1 J^T, 9 each */
+  double *base, *before, *block, *lam, *target, *p, *best_p, *v, *add, *best_v, *kept_p; /* block: J M^-1 J^T, 9 each;
+      kept_p: HCB_KEPT times as long as p */
 } hcb_group;
 
 /* fmax is a call, as it asks of a and b whether they are numbers: of b alone here. */
@@ -114,6 +117,22 @@ static void set_steps(hcb_group* g) {
   }
 }
 
+/* Goes on as in the sweep from kept_p, which changed `ratio` of what the one before did: to where such sweeps lead, or until the first
+   impulse ends. Contacts of one face whose parting speeds no motion of it can all have push against each other, by about as much in
+   each sweep, until one lets go. */
+static void follow_sweep(hcb_group* g, double ratio) {
+  double most = ratio < 1 ? ratio / (1 - ratio) : INFINITY;
+  for (int i = 0; i < g->n; i++) {
+    double less = g->kept_p[i] - g->lam[i];
+    if (less > 0) most = fmin(most, g->lam[i] / less);
+  }
+  for (int i = 0; i < g->n && most < INFINITY; i++) {
+    double more = fmax(-g->lam[i], most * (g->lam[i] - g->kept_p[i]));
+    g->lam[i] += more;
+    add_impulse(g, i, 0, more, g->v);
+  }
+}
+
 /* Normal impulses into p, lam and v, so that no contact approaches any more and each that has one parts at the e of its own
    approach: 0 <= lam, W lam + (1 + e) u >= 0, one of them 0. Its kinetic energy changes by lam.(1 - e) u/2 <= 0, for
    any e, as u < 0. */
@@ -136,9 +155,11 @@ static void bounce(hcb_group* g) {
     add_impulse(g, i, 0, g->lam[i], g->v);
   }
   for (int round = 0; round < 2; round++) { /* the same share of all, then sweeps; the last scaling bounds energy */
-    double lin = 0, quad = 0;
-    for (int sweep = 0; round && sweep < HCB_SWEEPS; sweep++) {
+    double lin = 0, quad = 0, last = INFINITY;
+    for (int sweep = 1; round && sweep <= HCB_SWEEPS; sweep++) {
       double change = 0;
+      int follows = sweep % HCB_FOLLOWED == 0;
+      if (follows) memcpy(g->kept_p, g->lam, g->n * sizeof(double));
       for (int i = 0; i < g->n; i++) {
         double W = g->block[9 * i], d = fmax(-g->lam[i], (g->target[i] - rate_in(g, i, 0, g->v)) / W);
         g->lam[i] += d;
@@ -146,6 +167,8 @@ static void bounce(hcb_group* g) {
         change = fmax(change, fabs(d) * W);
       }
       if (change < HCB_SETTLED * fastest) break;
+      if (follows) follow_sweep(g, change / last);
+      last = change;
     }
     for (int i = 0; i < g->n; i++) {
       lin += g->lam[i] * (g->target[i] - g->before[3 * i]);
@@ -214,29 +237,61 @@ static void start_friction(hcb_group* g) {
   }
 }
 
-/* The sweeps to come at once, after one from kept_p and `add`. Contacts of one face bear what they bear in many ways: sweeps then
-   settle slowly, along one mode that shrinks by `ratio` each, and are worth ratio/(1 - ratio) of the last. What leaves the cones by
-   that the next sweep puts back, and how much a sweep changes tells as before whether they have settled. */
-static void leap(hcb_group* g, double ratio) {
-  double more = ratio / (1 - ratio);
-  for (int k = 0; k < 3 * g->n; k++) g->p[k] += more * (g->p[k] - g->kept_p[k]);
-  blend(g, g->v, g->add, g->v, 1 + more);
+static double squared_change(const double* from, const double* to, int count) {
+  double sum = 0;
+  for (int j = 0; j < count; j++) sum += (to[j] - from[j]) * (to[j] - from[j]);
+  return sum;
+}
+
+/* The sweeps to come at once, from the impulses before each of the last ones: contacts of one face bear what they bear in many
+   ways, and sweeps settle slowly along these. Of all means of the last impulses this takes the one whose sweep would change least,
+   were sweeps linear (reduced rank extrapolation: Eddy, in Information Linkage between Applied Mathematics and Industry, 1979).
+   What leaves the cones by that the next sweep puts back, and how much a sweep changes tells as before whether they have settled. */
+static void leap(hcb_group* g) {
+  int rows = 3 * g->n;
+  double L[HCB_KEPT][HCB_KEPT], share[HCB_KEPT], sum = 0;
+  const double* x[HCB_KEPT + 1];
+  for (int i = 0; i <= HCB_KEPT; i++) x[i] = i < HCB_KEPT ? g->kept_p + i * rows : g->p;
+  for (int i = 0; i < HCB_KEPT; i++) {
+    for (int k = 0; k <= i; k++) {
+      double product = 0;
+      for (int j = 0; j < rows; j++) product += (x[i + 1][j] - x[i][j]) * (x[k + 1][j] - x[k][j]);
+      for (int j = 0; j < k; j++) product -= L[i][j] * L[k][j];
+      L[i][k] = i == k ? sqrt(fmax(product, 0) + HCB_ALIKE * squared_change(x[i], x[i + 1], rows)) : product / L[k][k];
+    }
+    if (!(L[i][i] > 0)) return;
+  }
+  for (int i = 0; i < HCB_KEPT; i++) { /* L L^T share = 1 */
+    share[i] = 1;
+    for (int j = 0; j < i; j++) share[i] -= L[i][j] * share[j];
+    share[i] /= L[i][i];
+  }
+  for (int i = HCB_KEPT - 1; i >= 0; i--) {
+    for (int j = i + 1; j < HCB_KEPT; j++) share[i] -= L[j][i] * share[j];
+    share[i] /= L[i][i];
+    sum += share[i];
+  }
+  if (!(sum > 0)) return;
+  for (int j = 0; j < rows; j++) {
+    double mean = 0;
+    for (int i = 0; i < HCB_KEPT; i++) mean += share[i] / sum * x[i + 1][j];
+    g->p[j] = mean;
+  }
+  clear(g, g->v);
+  for (int k = 0; k < rows; k++) add_impulse(g, k / 3, k % 3, g->p[k], g->v);
 }
 
 /* Sweeps until one changes no more than `settled`; the change of the last, 0 where more would lead nowhere. */
 static double sweep_until(hcb_group* g, double scale, int tangents, double fastest, double settled) {
   double change = INFINITY, before = INFINITY; /* before: at the last leap */
   for (int sweep = 1; sweep <= HCB_SWEEPS && change > settled; sweep++) {
-    int leaps = g->n > 1 && sweep % HCB_LEAP == 0 && sweep < HCB_SWEEPS;
+    int leaps = g->n > 1 && sweep % HCB_LEAP == 0 && sweep < HCB_SWEEPS, kept = (sweep - 1) % HCB_LEAP - HCB_LEAP + HCB_KEPT;
     double last = change;
-    if (leaps) {
-      memcpy(g->kept_p, g->p, 3 * g->n * sizeof(double));
-      blend(g, g->add, NULL, g->v, 1);
-    }
+    if (g->n > 1 && kept >= 0) memcpy(g->kept_p + 3 * g->n * kept, g->p, 3 * g->n * sizeof(double));
     change = friction_sweep(g, scale, tangents);
-    if (leaps && change > settled && change < HCB_STALLED * last) leap(g, change / last);
+    if (leaps && change > settled && change < HCB_STALLED * last) leap(g);
     if (leaps && change >= HCB_STALLED * last && change < HCB_NOWHERE * fastest) return 0; /* impulses of a face against each other */
-    if (leaps && tangents && change >= HCB_NO_LESS * before && change < HCB_NEARLY * fastest) return 0; /* rounding, which leaps keep up */
+    if (leaps && tangents && change >= HCB_NO_LESS * before && change < HCB_NOWHERE * fastest) return 0; /* rounding, which leaps keep up */
     if (leaps) before = change;
     if (g->n == 1 && !tangents) break;
   }

@@ -40,14 +40,14 @@ typedef struct { /* room, as `work` is divided */
 } hcb_room;
 
 size_t hcb_impacts_work(int n, int parts, int nv) {
-  return 38 * (size_t)n + 4 * ((size_t)nv + 3) + (5 * (size_t)n + 3 * (size_t)parts) / 2 + 2;
+  return (35 + 3 * HCB_KEPT) * (size_t)n + 4 * ((size_t)nv + 3) + (5 * (size_t)n + 3 * (size_t)parts) / 2 + 2;
 }
 
 static hcb_room divide(const hcb_system* s, double* work) {
   int n = s->n, nv = s->at[s->parts];
   hcb_room r = {.block = work, .first = work + 9 * (size_t)n, .total = work + 12 * (size_t)n};
   r.group = r.total + nv + 3;
-  r.of = (int*)(r.group + 26 * (size_t)n + 3 * ((size_t)nv + 3));
+  r.of = (int*)(r.group + (23 + 3 * HCB_KEPT) * (size_t)n + 3 * ((size_t)nv + 3));
   r.next = r.of + n;
   r.taken = r.next + 2 * (size_t)n;
   r.part = r.taken + n;
@@ -61,12 +61,13 @@ static hcb_room divide(const hcb_system* s, double* work) {
 static hcb_group group_of(const hcb_system* s, const hcb_room* r, int n, int parts, const double* u) {
   hcb_group g = {.s = s, .n = n, .parts = parts, .of = r->of, .part = r->part};
   size_t nv = s->at[s->parts] + 3, rows = 3 * (size_t)n;
-  double **threes[] = {&g.base, &g.before, &g.p, &g.best_p, &g.kept_p}, **velocities[] = {&g.v, &g.add, &g.best_v}, *next = r->group;
-  for (int k = 0; k < 5; k++, next += rows) *threes[k] = next;
+  double **threes[] = {&g.base, &g.before, &g.p, &g.best_p}, **velocities[] = {&g.v, &g.add, &g.best_v}, *next = r->group;
+  for (int k = 0; k < 4; k++, next += rows) *threes[k] = next;
   for (int k = 0; k < 3; k++, next += nv) *velocities[k] = next;
   g.block = next;
   g.lam = g.block + 9 * (size_t)n;
   g.target = g.lam + n;
+  g.kept_p = g.target + n;
   for (int i = 0; i < n; i++) {
     memcpy(g.before + 3 * i, u + 3 * r->of[i], 3 * sizeof(double));
     memcpy(g.block + 9 * i, r->block + 9 * (size_t)r->of[i], 9 * sizeof(double));
@@ -184,7 +185,7 @@ void hcb_resting_slip(const hcb_system* s, const double* u, const int* rests, do
   memset(g.p, 0, 3 * count * sizeof(double));
   memset(g.target, 0, count * sizeof(double));
   set_steps(&g);
-  for (int i = 0; i < 3 * count; i++) fastest = fmax(fastest, fabs(g.before[i]));
+  for (int i = 0; i < 3 * count; i++) fastest = larger(fastest, fabs(g.before[i]));
   for (int sweep = 0; sweep < HCB_RESTING_SWEEPS; sweep++) {
     if (friction_sweep(&g, 1, 1) <= HCB_RESTING_SETTLED * fastest) break;
   }

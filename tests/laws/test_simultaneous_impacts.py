@@ -207,6 +207,45 @@ def test_coupled_contacts_part_at_the_e_of_their_own_speeds() -> None:
     assert after.u[3] == pytest.approx(0.8 * 0.2, abs=1e-9)
 
 
+def tilted_face(friction: float) -> Problem:
+    """A cube of 1 kg and 0.2 m that lands on its face's four corners at
+    0.5 ... 1.5 m/s, by a law under which no motion of a cube has all four
+    parting speeds.
+    """
+    corners = [np.array([0.1 * x, 0.1 * y, -0.1]) for x in (-1, 1) for y in (-1, 1)]
+    axes = np.eye(3)[[2, 0, 1]]
+    J = np.array([np.r_[d, np.cross(r, d)] for r in corners for d in axes])
+    M = np.diag([1.0] * 3 + [1 / 150] * 3)
+    v = np.array([0.7, 0.2, -1.0, 3.0, 2.0, 0.5])
+    return M, J, v, [Contact(LAW, 0.3, friction, 1e-9) for _ in corners]
+
+
+def test_corners_of_a_face_push_until_one_lets_go() -> None:
+    """Each parts at its own speed, or faster and without an impulse, to rounding."""
+    M, J, v, contacts = tilted_face(0.0)
+    after = collide(M, J, v, contacts)
+    came = -(J @ v)[::3]
+    missing = after.u[::3] - came * restitution(0.3, came)
+    assert after.rounds == 1
+    assert (after.p[::3] == 0.0).sum() == 1
+    np.testing.assert_allclose(missing[after.p[::3] > 0.0], 0.0, atol=1e-9)
+    assert (missing > -1e-9).all()
+
+
+def test_corners_of_a_face_that_rub_stick_or_slide_against_their_slip() -> None:
+    """Coulomb's law of each, to 1e-6 of the speeds."""
+    M, J, v, contacts = tilted_face(0.2)
+    after = collide(M, J, v, contacts)
+    slides = 0
+    for u, p in zip(after.u.reshape(-1, 3)[:, 1:], after.p.reshape(-1, 3), strict=True):
+        slip, rubbed = float(np.hypot(*u)), p[1:]
+        if p[0] == 0.0 or slip < 1e-6:
+            continue
+        np.testing.assert_allclose(rubbed, -0.2 * p[0] * u / slip, atol=1e-6)
+        slides += 1
+    assert slides > 0
+
+
 @pytest.mark.parametrize(("n", "incoming"), [(2, 1), (5, 1), (5, 2), (10, 3)])
 def test_elastic_row_sends_out_as_many_as_come_in(n: int, incoming: int) -> None:
     v = [1.0] * incoming + [0.0] * (n - incoming)

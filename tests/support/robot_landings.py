@@ -30,6 +30,7 @@ TILTS = (0.0, 5.0)  # degrees
 GRAVITY = 9.81
 FALLEN = 0.6  # of the height of the centre of mass over the floor as the feet touch it
 RESTS = 0.02  # m/s and rad/s
+FAINT = 0.3  # e up to which a robot hardly leaves the floor again
 STIFF = 15.0  # of weight times height: N m/rad of the servos that hold a robot
 DAMPED = 0.05  # s, their damping over their stiffness
 PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
@@ -299,12 +300,14 @@ def _energy(free: Any, alone: Any, data: Any) -> float:
 class Landings:
     """Landings of a robot, of each law, beside those on native contact.
 
-    Those that fall there end with the fall.
+    Those that fall there end with the fall. bounces: flags of those whose law asks for an e above
+    FAINT.
     """
 
     step: float
     native: list[Landing]
     own: list[Landing]
+    bounces: list[bool]
 
     @classmethod
     def of(
@@ -318,10 +321,12 @@ class Landings:
         """Let the robot land. step: s, None: the model's."""
         model, every = compiled(robot, None, step), drops(phases)
         native = [land(model, robot, drop, seconds, to_the_fall=True) for drop in every]
-        found = cls(float(model.opt.timestep), [], [])
+        found = cls(float(model.opt.timestep), [], [], [])
         for law in laws:
             model = compiled(robot, law, step)
             found.native += native
+            faint = isinstance(law, ConstantRestitution) and float(law.restitution) <= FAINT
+            found.bounces += [not faint] * len(native)
             found.own += [
                 land(model, robot, drop, one.seconds)
                 for drop, one in zip(every, native, strict=True)
@@ -358,6 +363,8 @@ class Landings:
 
     def row(self, name: str) -> list[str]:
         """The cells of the page's table."""
+        pairs = zip(self.further(), self.bounces, strict=True)
+        faint = [further for further, bounces in pairs if not bounces]
         return [
             self.label(name),
             str(len(self.own)),
@@ -366,6 +373,7 @@ class Landings:
             up(max(self.deeper()) * 1e3),
             up(max(one.gain for one in self.own) * 100),
             str(sum(self.restless())),
+            f"{math.ceil(max(faint, default=0.0) * 1e3)}",
             f"{math.ceil(max(self.further()) * 1e3)}",
         ]
 

@@ -68,6 +68,14 @@ def test_the_page_has_a_row_for_each_class() -> None:
     assert list(on_the_page(TABLE)) == list(classes([]))
 
 
+@pytest.mark.parametrize("seed", [1607, 1628])
+def test_a_body_that_lands_deeper_than_the_one_that_it_is_held_to_is_named(seed: int) -> None:
+    """On native contact that one stays down, and the pair turns slower."""
+    seen = simulate(design(2000)[seed], seed, SECONDS)
+    assert seen is not None
+    assert re.search(r"bodies 0 and 2 meet [\d.]+ mm deep", seen.named)
+
+
 def test_slides_that_touch_across_their_axes_do_not_push_each_other() -> None:
     """A scene in which their normal meets the axes at a right angle, but for rounding."""
     world = World(design(2000)[1404], 1404, "plug-in")

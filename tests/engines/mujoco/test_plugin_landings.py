@@ -6,13 +6,30 @@ table of docs/reference/plugins.md.
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
+import mujoco
+import numpy as np
 import pytest
 from gain_tables import on_the_page, write_table
 from outside_models import outside
-from robot_landings import GRAVITY, LAWS, QUADRUPED, ROBOTS, Drop, Landings, compiled, land
+from robot_landings import (
+    GRAVITY,
+    HEIGHTS,
+    LAWS,
+    QUADRUPED,
+    ROBOTS,
+    Drop,
+    Landings,
+    compiled,
+    feet_of,
+    land,
+    released,
+)
+
+from hcbench.contact.mujoco import ConstantRestitution
 
 # Some models use settings that later versions of MuJoCo drop.
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
@@ -26,6 +43,7 @@ HEAD = (
     "deeper, mm",
     "gain, %",
     "do not rest",
+    "further at e up to 0.3, mm",
     "further, mm",
 )
 
@@ -35,7 +53,7 @@ def require_what_the_page_says(found: Landings, name: str) -> None:
     that the plug-in does not name.
     """
     said, shown = on_the_page(TABLE)[found.label(name)], found.row(name)[1:]
-    for column in range(3, 7):
+    for column in range(3, 8):
         assert float(shown[column]) <= float(said[column]), (name, HEAD[column + 1])
     quiet = [i for i, named in enumerate(found.named()) if not named]
     assert all(found.deeper()[i] < 1e-3 for i in quiet), name
@@ -55,6 +73,35 @@ def test_robots_of_packages_land_as_on_native_contact_or_are_named() -> None:
     write_table(TABLE, [f"| {' | '.join(cells)} |" for cells in (HEAD, ["---"] * len(HEAD), *rows)])
     for name, found in every:
         require_what_the_page_says(found, name)
+
+
+def travels_of_ant(model: Any) -> list[float]:
+    """Distances from the start at which an ant ends after 12 drops with a tilted base, mm."""
+    found = []
+    for height, phase in itertools.product(HEIGHTS, (0.0, 0.25, 0.5, 0.75)):
+        data = released(model, Drop(height, phase, tilt=5.0))
+        start = data.subtree_com[0, :2].copy()
+        mujoco.mj_step(model, data, nstep=round(4.0 / model.opt.timestep))
+        mujoco.mj_comPos(model, data)
+        found.append(1e3 * float(np.linalg.norm(data.subtree_com[0, :2] - start)))
+    return found
+
+
+@outside
+def test_an_ant_that_hops_travels_on_springy_native_contact_as_well() -> None:
+    """No further with the law; and no less at a finer step. Where hops
+    lead is by chance, so that another processor has other numbers.
+    """
+    ant = next(robot for robot in ROBOTS if robot.name == "gymnasium ant")
+    dull, springy = compiled(ant, None, 2.5e-3), compiled(ant, None, 0.5e-3)
+    feet = feet_of(ant, springy)
+    springy.geom_solref[feet], springy.geom_priority[feet] = (-20000.0, -8.0), 1
+    springy.geom_solimp[feet] = (0.99, 0.99, 0.001, 0.5, 2.0)
+    assert max(travels_of_ant(dull)) < 25.0
+    farthest = max(travels_of_ant(springy))
+    for step in (2.5e-3, 0.5e-3):
+        hops = travels_of_ant(compiled(ant, ConstantRestitution(0.9), step))
+        assert 50.0 < max(hops) < 150.0 < farthest
 
 
 def test_the_readmes_quadruped_lands_as_the_page_says() -> None:
@@ -79,3 +126,9 @@ def test_feet_that_slide_do_not_sink(options: dict[str, Any]) -> None:
 def test_the_page_has_each_robot() -> None:
     names = {label.rpartition(",")[0] for label in on_the_page(TABLE)}
     assert names == {robot.name for robot in ROBOTS}
+
+
+def test_robots_that_hardly_bounce_travel_no_more_than_the_page_says() -> None:
+    """But for those that fall over on native contact."""
+    rows = on_the_page(TABLE).values()
+    assert max(float(cells[6]) for cells in rows if cells[2] == "0") == 22

@@ -61,6 +61,9 @@ typedef struct { /* an instance, in mjData.plugin_data */
   int trees, *wild; /* of the first instance: which trees turn too far in a step for impacts */
   int stand, room_to_stand; /* of the first instance: how many contacts stand after the step (strays.c) */
   standing* stands;
+  int bornes, room_to_bear, warm_dofs; /* of the first instance: what PGS starts from (starts.c) */
+  struct borne* borne;
+  double* warm; /* accelerations, warm_dofs of each: with what was borne, of the step's start, and these lowered */
   int mocaps, jumps; /* of the first instance: how mocap bodies move (mocap.c) */
   double seen; /* of the first instance: time of the last step; NAN: none */
   double timed; /* of the first instance: the step and the integrator that servos were held against (stability.c) */
@@ -258,6 +261,7 @@ static void advance(const mjModel* m, mjData* d, int i) {
   take_accelerations(m, d, i);
   take_again(m, d, i);
   stop_strays(m, d, i);
+  keep_forces(m, d, i);
 }
 
 static int init(const mjModel* m, mjData* d, int i) {
@@ -288,6 +292,8 @@ static void destroy(mjData* d, int i) {
   free(own->start);
   free(own->wild);
   free(own->stands);
+  free(own->borne);
+  free(own->warm);
   free(own->moving);
   free(own);
   d->plugin_data[i] = 0;
@@ -295,12 +301,12 @@ static void destroy(mjData* d, int i) {
 
 /* Ends the step that is under way, and forgets what was before. */
 static void forget(instance* own) {
-  own->stage = own->starts = own->stand = own->mocaps = 0;
+  own->stage = own->starts = own->stand = own->mocaps = own->bornes = 0;
   own->lets = 0;
   own->seen = NAN;
 }
 
-/* How deep contacts went and how mocap bodies move outlives a step; a copy has all else from its own init. */
+/* How deep contacts went, how mocap bodies move and what contacts bore outlives a step; a copy has all else from its own init. */
 static void copy(mjData* to, const mjModel* m, const mjData* from, int i) {
   instance *own = instance_of(to, i), *other = instance_of(from, i);
   size_t size = other->mocaps * sizeof(struct mocap);
@@ -308,6 +314,7 @@ static void copy(mjData* to, const mjModel* m, const mjData* from, int i) {
   forget(own);
   own->lets = other->lets;
   own->seen = other->seen;
+  copy_forces(own, other);
   if (!size) return;
   own->moving = realloc(own->moving, size);
   memcpy(own->moving, other->moving, size);

@@ -108,7 +108,7 @@ static double change_of(const mjModel* m, const mjData* d, const blow* b) {
 
 static double rest_compliance(const mjModel* m, const mjData* d, const blow* b, int loaded) {
   double fastest = 0, gravity = mju_norm3(m->opt.gravity), falls = HCB_REST_BELOW * HCB_STILL * gravity * m->opt.timestep;
-  for (int k = 0; k < 6; k++) fastest = fmax(fastest, fabs(b->rate[k]));
+  for (int k = 0; k < 6; k++) fastest = larger(fastest, fabs(b->rate[k]));
   int moves = fastest > HCB_STANDS;
   if (is_dual(m)) return moves ? HCB_FORCES_MOVING : HCB_REST_FORCES;
   if (m->opt.solver == mjSOL_CG) return HCB_REST_CG;
@@ -121,7 +121,7 @@ static double rest_compliance(const mjModel* m, const mjData* d, const blow* b, 
    and one that slides, or is pressed by other forces than rest.c knows, but for Newton where only one is so. */
 static int may_stray(const mjModel* m, const blow* b, int loaded) {
   double slow = HCB_STRAYS * b->law.still;
-  int slides = fmax(b->slip, hypot(b->rate[1], b->rate[2])) > slow, turns = b->dim > 3 && b->dilation > slow;
+  int slides = larger(b->slip, length(b->rate[1], b->rate[2])) > slow, turns = b->dim > 3 && b->dilation > slow;
   int reasons = loaded + (m->opt.solver != mjSOL_NEWTON) + slides;
   return b->tendon < 0 && (b->rests || b->held) && (turns || reasons > 1 || stops_early(m));
 }

@@ -23,7 +23,7 @@ static double fall(const mjModel* m, const int body[2], const double* normal) {
   double g[3], most = 0;
   for (int side = 0; side < 2; side++) {
     gravity_on(m, body[side], g);
-    most = fmax(most, (side ? -1 : 1) * dot(g, normal));
+    most = larger(most, (side ? -1 : 1) * dot(g, normal));
   }
   return m->opt.timestep * most;
 }
@@ -130,10 +130,12 @@ static int gather(const mjModel* m, mjData* d, int first, blow* all) {
   return count;
 }
 
+#include "starts.c"
+
 /* The rows of a contact, and in u its rates without what its velocities and those of the equalities it meets differ by. */
 static hcb_rows rows_of(const mjModel* m, mjData* d, const tree_parts* t, const blow* b, double* u) {
   hcb_rows r = {.part = {-1, -1}};
-  double *J[2] = {NULL, NULL}, *B[2] = {NULL, NULL}, own[3];
+  double *J[2] = {NULL, NULL}, *B[2] = {NULL, NULL};
   if (b->tendon >= 0) {
     tendon_row(m, d, t, b->tendon, r.part, NULL);
   } else {
@@ -150,16 +152,12 @@ static hcb_rows rows_of(const mjModel* m, mjData* d, const tree_parts* t, const 
   } else {
     make_rows(m, d, t, b->body, b->point, b->frame, b->dim > 1 ? 3 : 1, r.part, J);
   }
-  along_rows(t, r.part, r.J, d->qvel, own);
-  for (int k = 0; k < 3; k++) u[k] = k && b->dim == 1 ? 0 : b->rate[k] + b->lead[k] - own[k];
+  for (int k = 0; k < 3; k++) u[k] = k && b->dim == 1 ? 0 : b->rate[k] + b->lead[k];
+  hold_rows(t, d, r.part, J, d->qvel, u);
   for (int s = 0; s < 2 && r.part[s] >= 0; s++) {
-    int size = part_size(t, r.part[s]);
-    for (int k = 0; k < 3; k++) hold(t, d, r.part[s], J[s] + (size_t)k * size);
-    memcpy(B[s], J[s], 3 * (size_t)size * sizeof(double));
+    memcpy(B[s], J[s], 3 * (size_t)part_size(t, r.part[s]) * sizeof(double));
     solve_three(m, d, t, r.part[s], B[s]);
   }
-  along_rows(t, r.part, r.J, d->qvel, own);
-  for (int k = 0; k < 3; k++) u[k] += own[k];
   return r;
 }
 
@@ -187,11 +185,11 @@ static hcb_system make_system(const mjModel* m, mjData* d, const tree_parts* t, 
 /* How fast a contact slips, along the direction of (u1, u2), and by how much MuJoCo's cones part it for that: each edge of a
    pyramid by its own friction times its rate, an elliptic cone by the norm of these; of turning as of sliding. */
 static void set_slip(blow* b, double u1, double u2, double slip) {
-  double fastest = hypot(u1, u2), share = fastest > 0 ? slip / fastest : 0;
+  double fastest = length(u1, u2), share = fastest > 0 ? slip / fastest : 0;
   double rate[5] = {share * u1, share * u2, b->turn[0], b->turn[1], b->turn[2]}, most = 0, sum = 0;
   for (int k = 0; k < b->dim - 1; k++) {
     double parts = fabs(b->friction[k] * rate[k]);
-    most = fmax(most, parts);
+    most = larger(most, parts);
     sum += parts * parts;
   }
   b->slip = slip;
@@ -247,7 +245,7 @@ static void collide(const mjModel* m, mjData* d, int first, blow* all, int count
   if (impulse) add_turning(m, d, of, n, impulse);
   for (int i = 0; i < n; i++) {
     of[i]->parting = u[3 * i];
-    double slides = hypot(u[3 * i + 1], u[3 * i + 2]);
+    double slides = length(u[3 * i + 1], u[3 * i + 2]);
     set_slip(of[i], u[3 * i + 1], u[3 * i + 2], rests[i] ? fmin(slip[i], slides) : slides);
   }
   mj_freeStack(d);
@@ -478,8 +476,8 @@ static void warn_of_sunk(const mjModel* m, const mjData* d, const blow* all, int
     if (b->tendon >= 0) continue;
     double *lets = &instance_of(d, b->instance)->lets, least = m->opt.disableflags & mjDSBL_REFSAFE ? 0 : 2 * h;
     double third = HCB_COARSE_FREE * (b->constant > 0 ? fmax(b->constant, least) : 1 / sqrt(fmax(-b->constant, mjMINVAL)));
-    *lets = fmax(*lets, fmax(-b->rate[0] * third, follows ? 0 : b->x));
-    if (!(b->x > fmax(*lets, gravity * third * third) + HCB_DEEPER)) continue;
+    *lets = larger(*lets, larger(-b->rate[0] * third, follows ? 0 : b->x));
+    if (!(b->x > larger(*lets, gravity * third * third) + HCB_DEEPER)) continue;
     int side = m->body_treeid[b->body[1]] >= 0;
     const char* name = mj_id2name(m, mjOBJ_BODY, b->body[side]);
     memory->warned |= WARNED_SUNK;
@@ -558,7 +556,7 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
       b->rests = b->touches && b->rate[0] <= b->law.still;
       b->parting = b->rate[0];
       mju_copy3(b->turn, b->rate + 3);
-      set_slip(b, b->rate[1], b->rate[2], b->rests ? 0 : hypot(b->rate[1], b->rate[2]));
+      set_slip(b, b->rate[1], b->rate[2], b->rests ? 0 : length(b->rate[1], b->rate[2]));
       double slow = HCB_CREEPS * b->law.still, *u = b->rate;
       slides |= b->rests && b->friction[0] > 0 && u[1] * u[1] + u[2] * u[2] > slow * slow;
       collides |= b->touches && (-b->rate[0] > b->law.still || b->tendon >= 0);
@@ -591,5 +589,6 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
     int is_new = stage < 2 || !planned(memory, all[i].instance, all[i].id, all[i].order);
     if (!is_new || !is_lifted(m, memory, all + i)) set_rows(m, d, memory, all + i, stage, loaded);
   }
+  start_from_last(m, d, memory, all, count);
   mj_freeStack(d);
 }

@@ -253,13 +253,28 @@ static void factor_held(const mjModel* m, mjData* d, tree_parts* t) {
   }
 }
 
+static int held_in(const tree_parts* t, int part) { return t->held_at[part + 1] - t->held_at[part]; }
+
 static void hold(const tree_parts* t, mjData* d, int part, double* row) {
-  int n = t->held_at[part + 1] - t->held_at[part], size = part_size(t, part);
-  if (n == 0) return;
+  int n = held_in(t, part), size = part_size(t, part);
   mj_markStack(d);
   double* y = stack(d, n);
   for (int k = 0; k < n; k++) y[k] = row_dot(size, t->EB[part] + (size_t)k * size, row);
   mju_cholSolve(y, t->K[part], y, n);
   for (int k = 0; k < n; k++) mju_addToScl(row, t->E[part] + (size_t)k * size, -y[k], size);
   mj_freeStack(d);
+}
+
+/* Three rows of a contact without what equalities hold of them, and their rates u at these velocities. */
+static void hold_rows(const tree_parts* t, mjData* d, const int part[2], double* const rows[2], const double* velocity, double* u) {
+  double before[3], after[3];
+  int held = 0;
+  for (int s = 0; s < 2 && part[s] >= 0; s++) held += held_in(t, part[s]);
+  if (!held) return;
+  along_rows(t, part, (const double* const*)rows, velocity, before);
+  for (int s = 0; s < 2 && part[s] >= 0; s++) {
+    for (int k = 0; k < 3 && held_in(t, part[s]); k++) hold(t, d, part[s], rows[s] + (size_t)k * part_size(t, part[s]));
+  }
+  along_rows(t, part, (const double* const*)rows, velocity, after);
+  for (int k = 0; k < 3; k++) u[k] += after[k] - before[k];
 }

@@ -56,3 +56,15 @@ static void name_deeper(world* w, const contact* c, int collides) {
          HCB_SOLVES);
   }
 }
+
+/* What constraints hold together meets together, as links of one body do: from then on the others land as deep as the first. */
+static void meet_together(world* w, const held_parts* t) {
+  for (int i = 0; i < w->body_count; i++) {
+    const body* first = w->bodies[i];
+    if (!first || first->met != w->tick || t->part[i] < 0) continue;
+    for (int k = 0; k < w->body_count; k++) {
+      body* other = w->bodies[k];
+      if (other && !other->met && t->part[k] == t->part[i]) other->met = w->tick, other->landed = first->landed;
+    }
+  }
+}

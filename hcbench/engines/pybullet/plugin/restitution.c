@@ -312,6 +312,7 @@ static void add_impacts(world* w) {
   int held_count = read_constraints(w, &held);
   held_count = firm_constraints(w, n, held, held_count);
   held_parts t = find_parts(w, n, held, held_count);
+  if (held_count) meet_together(w, &t);
   hcb_rows* rows = (hcb_rows*)take(w, (size_t)n * sizeof(hcb_rows) / sizeof(double) + 1);
   hcb_system s = {n, t.parts, t.at, rows, c};
   double *u = take(w, 6 * (size_t)n), *p = u + 3 * (size_t)n, *falling = falling_of(w, &t), *back = take(w, t.at[t.parts]);
