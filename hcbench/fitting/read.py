@@ -23,6 +23,7 @@ from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.force import fit_loop, fit_pulse
 from hcbench.fitting.heights import Heights, SpeedPairs
 from hcbench.fitting.listening import listen, quick_score
+from hcbench.fitting.numbers_in_text import rows_in_text
 from hcbench.fitting.recording import is_sound, read_recording
 from hcbench.fitting.sheets import read_sheets
 from hcbench.fitting.table import Table, cell_of, computed, tables_of, unit_scale
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from hcbench.fitting.force import ForceFit
     from hcbench.fitting.recording import Picks
     from hcbench.fitting.setup import MeasurementSetup
+    from hcbench.fitting.sheets import Sheet
     from hcbench.terms.impact import Floats
 
 
@@ -106,9 +108,26 @@ def read_datasets(
         if part.train is not None:
             slot = "--touches"
         raise UserError(slot, f"given for {path.name}, which is not a recording", "a .wav")
+    sheets = read_sheets(path)
+    found, refused = _read(sheets, setup, kind)
+    if not found:
+        # No table: the numbers may stand between words.
+        in_text = [replace(sheet, rows=rows_in_text(sheet.text)) for sheet in sheets]
+        found, refused_too = _read(in_text, setup, kind)
+        if not found:
+            raise _worst(refused)
+        refused = refused_too
+    _require_all_read(found, refused)
+    return _different([data for _, data in found])
+
+
+def _read(
+    sheets: list[Sheet], setup: MeasurementSetup, kind: str | None
+) -> tuple[list[tuple[DataColumns, Dataset]], list[tuple[Table | None, UserError]]]:
+    """The data sets in sheets with their columns, and the tables that are refused with the errors."""
     found: list[tuple[DataColumns, Dataset]] = []
     refused: list[tuple[Table | None, UserError]] = []
-    for table, error in _tables(path):
+    for table, error in _tables(sheets):
         if table is None:
             refused.append((None, error))
             continue
@@ -121,21 +140,17 @@ def read_datasets(
                 found.append((columns, _READERS[of_kind](columns, setup)))
         except UserError as error:
             refused.append((table, error))
-    if not found:
-        raise _worst(refused)
-    _require_all_read(found, refused)
-    return _different([data for _, data in found])
+    return found, refused
 
 
-def _tables(path: Path) -> Iterator[tuple[Table | None, UserError]]:
-    """The tables of a file; None with the error for a sheet that has none."""
-    none = UserError(path.name, "no table", "one")
-    for sheet in read_sheets(path):
+def _tables(sheets: list[Sheet]) -> Iterator[tuple[Table | None, UserError]]:
+    """The tables of sheets; None with the error for a sheet that has none."""
+    for sheet in sheets:
         if not sheet.rows:
             continue
         try:
             for table in tables_of(sheet):
-                yield table, none
+                yield table, UserError(sheet.name, "no table", "one")
         except UserError as error:
             yield None, error
 
@@ -303,7 +318,7 @@ def _force_columns(path: Path, kind: str | None) -> tuple[DataColumns, str] | No
     """
     if kind not in (None, "force", "loop") or is_sound(path):
         return None
-    for table, _ in _tables(path):
+    for table, _ in _tables(read_sheets(path)):
         if table is None or not any(
             role_of(*name) == "force" or is_unit_of(name[1], "force") for name in table.header
         ):

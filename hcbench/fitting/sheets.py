@@ -1,17 +1,17 @@
-"""Files as sheets of cells: text in any encoding, workbooks, zip archives, JSON and XML of labels."""
+"""Files as sheets of cells: text in any encoding, workbooks, zip archives and JSON."""
 
 from __future__ import annotations
 
 import io
 import math
 import re
+import unicodedata
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html.parser import HTMLParser
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
-from xml.etree import ElementTree
 
 from hcbench.fitting.column_names import explained, is_short_latin, is_word_of_header
 from hcbench.fitting.separators import Row, rows_of
@@ -41,6 +41,11 @@ _ENCODINGS = (
     "cp1251",
     "cp1253",
     "cp1254",
+    "cp1255",
+    "cp1256",
+    "cp1257",
+    "cp1258",
+    "cp874",
     "cp932",
     "euc_jp",
     "gb18030",
@@ -51,6 +56,10 @@ _ENCODINGS = (
     "cp852",
     "cp850",
     "mac_roman",
+)
+# Arabic signs of decimals, of thousands and between cells; marks of the direction of writing.
+_SIGNS_OF_NUMBERS = {0x66B: ".", 0x66C: "'", 0x61B: ";", 0x60C: ","} | dict.fromkeys(
+    [0x61C, 0x200E, 0x200F, *range(0x202A, 0x202F), *range(0x2066, 0x206A)]
 )
 # Lines from the first on that have the names of columns.
 _HEADER_LINES = 60
@@ -64,10 +73,12 @@ class Sheet:
 
     name: what errors call it: the file, and the sheet or the member where there are several.
     rows: number of each in the file, and its cells as text.
+    text: of the file; "" for a sheet of a workbook.
     """
 
     name: str
     rows: tuple[Row, ...]
+    text: str = ""
 
 
 def read_sheets(path: Path) -> list[Sheet]:
@@ -105,7 +116,7 @@ def _sheets(name: str, content: bytes, is_on_disk: bool) -> list[Sheet]:
     if content.startswith(_ARCHIVE):
         return _of_archive(name, content)
     try:
-        text = decoded(content)
+        text = with_plain_digits(decoded(content))
     except UnicodeDecodeError:
         expected = "text in columns, a workbook, or .wav"
         # A recording is read in parts, which no pipe gives.
@@ -142,6 +153,17 @@ def decoded(raw: bytes) -> str:
         return max((raw.decode(one, errors="replace") for one in _ENCODINGS), key=_known_letters)
 
 
+def with_plain_digits(text: str) -> str:
+    """Text with the digits 0 to 9, and points between them, in place of those of other scripts, and
+    without the marks of the direction of writing.
+    """
+    if text.isascii():
+        return text
+    table = {ord(one): unicodedata.digit(one) for one in set(text) if one.isdecimal()}
+    signs = {at: str(digit) for at, digit in table.items()}
+    return text.translate(signs | _SIGNS_OF_NUMBERS)
+
+
 def _known_letters(text: str) -> tuple[int, int]:
     """Number of letters in words beyond ASCII that names of columns and units have, which a wrong
     encoding lacks: in words that tell, and in short Latin ones, which may come by chance.
@@ -162,8 +184,6 @@ def _of_text(name: str, text: str) -> Sheet:
             records = _of_json_lines(text)
             if records:
                 return _of_json(name, records)
-    if begin == "<" and "<point" in text:
-        return _of_labels(name, text)
     if re.search(r"<t[dh]\b", text, re.IGNORECASE):
         page = _HtmlTable()
         page.feed(text)
@@ -173,7 +193,7 @@ def _of_text(name: str, text: str) -> Sheet:
     if len(_YAML_RECORD.findall(text)) > 1:
         return _of_messages(name, _YAML_RECORD.sub(r"---\n\1  ", text))
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
-    return Sheet(name, rows_of(name, lines))
+    return Sheet(name, rows_of(name, lines), text)
 
 
 def _of_json_lines(text: str) -> list[Any]:
@@ -283,8 +303,8 @@ def _text(value: Any) -> str:
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return ""
     if isinstance(value, float):
-        return repr(value)
-    return str(value)
+        return repr(float(value))
+    return with_plain_digits(str(value))
 
 
 def _texts(values: Sequence[Any]) -> tuple[str, ...]:
@@ -315,21 +335,6 @@ class _HtmlTable(HTMLParser):
         """Add text to a cell."""
         if self._is_in_cell and self.rows and self.rows[-1]:
             self.rows[-1][-1] = f"{self.rows[-1][-1]} {data.strip()}".strip()
-
-
-def _of_labels(name: str, text: str) -> Sheet:
-    """Instants of an .svl file of Sonic Visualiser, s: it has them in samples.
-
-    Raises UserError for another kind of XML.
-    """
-    try:
-        root = ElementTree.fromstring(text)
-        rate = float(next(model.attrib["sampleRate"] for model in root.iter("model")))
-        points = [int(point.attrib["frame"]) / rate for point in root.iter("point")]
-    except (ElementTree.ParseError, StopIteration, KeyError, ValueError, ZeroDivisionError):
-        raise UserError(name, "XML without instants", "a layer of Sonic Visualiser, .svl") from None
-    rows = [(f"{seconds:.9f}",) for seconds in points]
-    return Sheet(name, tuple(enumerate([("time [s]",), *rows], 1)))
 
 
 def _of_messages(name: str, text: str) -> Sheet:
@@ -451,10 +456,10 @@ def _of_archive(name: str, content: bytes) -> list[Sheet]:
             ]
             if not kept:
                 raise UserError(name, "a zip archive without tables", expected)
-            sheets = []
-            for one in kept:
-                sheets += [_of_text(f"{name}, {sanitized(one)}", decoded(archive.read(one)))]
-            return sheets
+            return [
+                _of_text(f"{name}, {sanitized(one)}", with_plain_digits(decoded(archive.read(one))))
+                for one in kept
+            ]
     except UserError:
         raise
     except (

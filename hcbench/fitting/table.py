@@ -26,7 +26,7 @@ from hcbench.fitting.column_names import (
     role_of,
     split_header,
 )
-from hcbench.fitting.separators import counts
+from hcbench.fitting.separators import counts, listed_names
 from hcbench.system.errors import QuantityError, UserError
 from hcbench.terms import units
 from hcbench.terms.bounds import beyond_bounds, require_bounds
@@ -442,7 +442,8 @@ def _header(
             (i for i in reversed(near) if not _are_units(rows[i]) and len(rows[i]) == width), None
         )
     if at is None:
-        return tuple([("", "")] * width), rows
+        listed = listed_names([" ".join(row) for row in rows], width)
+        return tuple(map(split_header, listed or [""] * width)), rows
     names = _padded(rows[at], body, width)
     # Numbers beyond the last name may be halves of numbers with commas: no name is made up for them.
     is_short = any(any(cells[len(rows[at]) :]) for _, cells in body)
