@@ -127,6 +127,7 @@ _BY_QUANTITY = {
 # of numbers may change what the rest means: a time beside a temperature may be a log of something else.
 _BESIDE = {
     "number",
+    "trial",
     "beside",
     "vertical",
     "bounce",
@@ -601,7 +602,7 @@ def _read_as(header: Sequence[tuple[str, str]]) -> str:
                 meaning += f" in {unit}" if unit else " without a unit"
         elif role or is_beside(name):
             meaning = "a number of rows"
-            if not role and "number" not in meanings_of(name):
+            if not role and not meanings_of(name) & {"number", "trial"}:
                 meaning = "no data"
         shown.append(f"{cell!r} as {meaning}")
     if len(header) > _MOST_SHOWN:

@@ -111,7 +111,13 @@ def _of_records(lines: Sequence[tuple[int, str]]) -> _Columns:
     alike: defaultdict[str, list[int]] = defaultdict(list)
     for at, (_, line) in enumerate(lines):
         alike[_masked(line)].append(at)
-    ways = [_records(lines, starts) for starts in alike.values() if len(starts) >= _LEAST]
+    # Numbers alone are a table, whose header says what they are.
+    with_words = [
+        starts
+        for words, starts in alike.items()
+        if len(starts) >= _LEAST and ("-->" in words or any(map(str.isalpha, words)))
+    ]
+    ways = [_records(lines, starts) for starts in with_words]
     return max(ways, key=lambda way: (way.known(), len(way.rows)), default=_Columns())
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.assumed import named, with_units
+from hcbench.fitting.assumed import is_train, named, with_units
 from hcbench.fitting.column_names import (
     DATA_KINDS,
     EXPECTED_COLUMNS,
@@ -18,7 +18,14 @@ from hcbench.fitting.column_names import (
     meanings_of,
     role_of,
 )
-from hcbench.fitting.columns import DataColumns, columns_of, kind_of, require_each_bounce, row_order
+from hcbench.fitting.columns import (
+    DataColumns,
+    bounce_numbers,
+    columns_of,
+    kind_of,
+    require_one_drop,
+    row_order,
+)
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.force import fit_loop, fit_pulse
 from hcbench.fitting.heights import Heights, SpeedPairs
@@ -38,7 +45,7 @@ if TYPE_CHECKING:
 
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.force import ForceFit
-    from hcbench.fitting.recording import Picks
+    from hcbench.fitting.recording import Indices, Picks
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.fitting.sheets import Sheet
     from hcbench.terms.impact import Floats
@@ -72,6 +79,8 @@ _OF_NOISE = 0.02
 _OF_E = 0.05
 # Speeds that differ by less than this share are one speed.
 _ONE_SPEED = 1e-6
+# Bounces not seen that a sentence names.
+_MOST_SHOWN = 6
 # Letters of the trains in a recording, the likeliest first.
 _TRAINS = "ABCDEF"
 
@@ -283,7 +292,7 @@ def _complete(columns: DataColumns, kind: str) -> DataColumns:
         kept = np.arange(kept[0], kept[-1] + 1)
     columns = columns.taken(kept.tolist())
     if kind in ("times", "heights"):
-        require_each_bounce(columns)
+        require_one_drop(columns)
     order = row_order(columns)
     if order is not None and kind in ("times", "heights"):
         return columns.taken(order.tolist())
@@ -402,11 +411,17 @@ def _times(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     """
     name = columns.table.name
     if "interval" in columns.places and "time" not in columns.roles:
+        if (np.diff(bounce_numbers(columns)) > 1).any():
+            raise UserError(name, "flights are left out", "each flight, one after the other")
         intervals = columns.get("interval")
         if len(intervals) > 1 and intervals[-1] == 0:
             # The last touch has no interval after it.
             intervals = intervals[:-1]
         columns.require("interval", intervals > 0, "above 0")
+        if len(intervals) > 2 and (np.diff(intervals) > 0).all():
+            raise UserError(
+                name, "flights that last longer and longer", "each shorter, as of a ball"
+            )
         return _touch_times(
             name, setup, np.concatenate([[0.0], np.cumsum(intervals)]), columns.assumed
         )
@@ -415,17 +430,46 @@ def _times(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
         counted = columns.get("time")
         columns.require("frame", np.concatenate([[True], np.diff(counted) > 0]), "frames that rise")
         return _touch_times(name, setup, counted, columns.assumed)
-    numbers = np.flatnonzero(columns.table.is_given(columns.places["time"]))
-    seen = columns.taken(numbers.tolist())
+    seen, numbers, said = _seen(columns, "time")
+    seen = _in_turn(seen)
     times = seen.get("time")
     seen.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
-    data = _touch_times(name, setup, times, columns.assumed)
-    unseen = np.delete(np.array(columns.table.lines), numbers)
-    if not len(unseen):
-        return data
-    lines = f"line{'s' * (len(unseen) > 1)} {', '.join(map(str, unseen))}"
-    said = f"no time in {lines}: read as a touch that was not seen, as if each row were a touch"
-    return replace(data, numbers=numbers, assumed="; ".join(filter(None, (columns.assumed, said))))
+    return replace(_touch_times(name, setup, times, said), numbers=numbers)
+
+
+def _seen(columns: DataColumns, role: str) -> tuple[DataColumns, Indices | None, str]:
+    """The rows of bounces that have a reading, which bounce each is, None where none is missing, and
+    what is assumed: a row without a reading, and a number that is left out, are a bounce not seen.
+    """
+    given = np.flatnonzero(columns.table.is_given(columns.places[role]))
+    numbers = bounce_numbers(columns)[given]
+    assumed = columns.assumed
+    unseen = int(numbers[-1] - numbers[0]) + 1 - len(numbers)
+    if not unseen:
+        return columns.taken(given.tolist()), None, assumed
+    missing = sorted(set(range(numbers[0], numbers[-1])) - set(numbers.tolist()))
+    shown = ", ".join(str(i + 1) for i in missing[:_MOST_SHOWN])
+    said = f"no {role} of bounce {shown} of the table: read as not seen"
+    taken = columns.taken(given.tolist())
+    return taken, numbers - numbers[0], "; ".join(filter(None, (assumed, said)))
+
+
+def _in_turn(columns: DataColumns) -> DataColumns:
+    """Rows with the times of two touches that stand in each other's place exchanged, if that alone
+    makes times rise.
+    """
+    times = columns.table.numbers(columns.places["time"])
+    wrong = np.flatnonzero(np.diff(times) <= 0)
+    if len(wrong) != 1:
+        return columns
+    order = np.arange(len(times))
+    order[[wrong[0], wrong[0] + 1]] = order[[wrong[0] + 1, wrong[0]]]
+    if not is_train(times[order]):
+        return columns
+    shown = " and ".join(f"{times[i]:g}" for i in wrong[0] + np.arange(2))
+    said = f"times {shown} do not rise: read as exchanged"
+    turned = columns.taken(order.tolist())
+    return replace(turned, assumed="; ".join(filter(None, (columns.assumed, said))))
 
 
 def _touch_times(
@@ -474,6 +518,7 @@ def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     A first row that is the drop height itself is left out. Raises UserError for heights that do not
     fall, too few or too many of them, and a first bounce above the drop.
     """
+    columns, numbers, assumed = _seen(columns, "height")
     heights = columns.get("height")
     columns.require("height", heights > 0, "above 0: the bottom of the ball above the plate")
     require_bounds(f"{columns.table.name}: height", heights.tolist(), "length", "m")
@@ -484,6 +529,7 @@ def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     ):
         # The first row is the height of the drop itself: it comes before the first bounce.
         heights = heights[1:]
+        numbers = None if numbers is None else numbers[1:] - 1
     _require_falling(columns, _rounding(columns, setup))
     _require_few(columns.table.name, len(heights), "heights")
     given = columns.uncertainty("height")
@@ -498,7 +544,7 @@ def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     height_noise = None
     if given.any():
         height_noise = float(given.mean())
-    return Heights(columns.table.name, setup, heights, height_noise, columns.assumed)
+    return Heights(columns.table.name, setup, heights, height_noise, assumed, numbers)
 
 
 def _rounding(columns: DataColumns, setup: MeasurementSetup) -> float:

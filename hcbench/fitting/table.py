@@ -77,6 +77,9 @@ _SUMS = (
 )
 # Meanings of columns that have a time of a touch each.
 _OF_TIMES = {"time", "touch", "bounce", "begin", "beside"}
+# Roles of impacts measured one by one, and those of them after the impact.
+_AFTER = {"height_out", "speed_out"}
+_OF_PAIRS = {"height_in", "speed", "speed_in", "restitution", "squared", *_AFTER}
 # Quantities whose units a line before the table may name.
 _UNITS_OF = {"unit of length": "position", "unit of time": "time"}
 _POINTS = NumberStyle()
@@ -270,16 +273,18 @@ def tables_of(sheet: Sheet) -> list[Table]:
     turned = _turned(rows)
     if len(turned) > len(rows) or not any(_is_data(cells) for _, cells in rows):
         rows = turned
-    if any("multi" in cells[0].split(":") for _, cells in rows[:3]):
-        raise UserError(sheet.name, "several tracks", "one", "Export the ball's track alone")
-    tables = []
+    is_of_tracker = any("multi" in cells[0].split(":") for _, cells in rows[:3])
+    tables: list[Table] = []
     parts = list(_parts(rows))
     # Remarks below a table may begin with names.
     of_numbers = [part for part in parts if any(_is_data(cells) for _, cells in part)]
     for part in of_numbers or parts:
         above = [cells for line, cells in rows if line < part[0][0] and not _is_data(cells)]
         table = _table(sheet.name, part, above)
-        tables += _in_a_row(table) or _side_by_side(table)
+        for drop in _one_below_the_other(table):
+            tables += _in_a_row(drop) or _made_again(drop) or _side_by_side(drop)
+    if is_of_tracker and len(tables) > 1:
+        raise UserError(sheet.name, "several tracks", "one", "Export the ball's track alone")
     return tables
 
 
@@ -350,10 +355,17 @@ def _names(cells: Sequence[str]) -> int:
 def _table(name: str, rows: list[Row], above: list[tuple[str, ...]]) -> Table:
     """The table in these rows, below others. Raises UserError, `explained`, where there is none."""
     begin, end = _block(name, rows)
-    body = rows[begin:end]
-    width = max(len(_trimmed(cells)) for _, cells in body)
+    width = max(len(_trimmed(cells)) for _, cells in rows[begin:end])
+    # "Run 2", alone in its line, parts drops.
+    body = [row for row in rows[begin:end] if not _is_label(row[1], width)]
     header, before = _header(rows[:begin], body, width)
-    frequency, written = _said_before([*above, *before])
+    # "frame (240 fps)" has the rate in the header.
+    frequency, written = _said_before([*above, *before, tuple(" ".join(one) for one in header)])
+    for at, (called, unit) in enumerate(header):
+        if _RATE_IN_WORDS.search(unit) and any(":" in cells[at] for _, cells in body if cells[at:]):
+            got = f"frames in the times under {called!r}"
+            raise UserError(name, got, "seconds with decimals, or numbers of frames")
+    header = tuple((one, "" if _RATE_IN_WORDS.fullmatch(unit) else unit) for one, unit in header)
     if "x" in written:
         header = tuple(
             (written["x"], unit) if meanings_of(name) == {"x"} else (name, unit)
@@ -368,7 +380,7 @@ def _table(name: str, rows: list[Row], above: list[tuple[str, ...]]) -> Table:
         units=tuple(written.items()),
     )
     with explained(name, table.header):
-        table = replace(table, style=_style(table))
+        table = _in_one_unit(replace(table, style=_style(table)))
         for row, line in zip(table.cells, table.lines, strict=True):
             if any(row[len(header) :]):
                 got = f"{len(row)} cells"
@@ -431,11 +443,14 @@ def _header(
     near = [
         i
         for i in range(max(0, len(rows) - _MOST_HEADER_ROWS), len(rows))
-        if _fits(rows[i], body, width) or (_are_units(rows[i]) and len(rows[i]) <= width)
+        if (not _is_said(rows[i]) and _fits(rows[i], body, width))
+        or (_are_units(rows[i]) and len(rows[i]) <= width)
     ]
     # A title has words of a header, and no units.
     units = {i: sum(bool(split_header(cell)[1]) for cell in rows[i]) for i in near}
-    at = max(near, key=lambda i: (_names(rows[i]), units[i], -i), default=None)
+    at = max(
+        near, key=lambda i: (_names(rows[i]), len(rows[i]) == width, units[i], -i), default=None
+    )
     if at is not None and not _names(rows[at]):
         # No name is known: the row next to the numbers is the header, unless it is a title.
         at = next(
@@ -466,6 +481,11 @@ def _header(
             for of, (name, unit) in zip(group, header, strict=True)
         ]
     return tuple(header), [row for i, row in enumerate(rows) if i not in used]
+
+
+def _is_said(cells: tuple[str, ...]) -> bool:
+    """Say whether a row is a name of the whole file and its value, as programs write above tables."""
+    return len(cells) == 2 and bool(of_file(cells[0])) and not role_of(*split_header(cells[0]))
 
 
 def _fits(cells: tuple[str, ...], body: list[Row], width: int) -> bool:
@@ -535,6 +555,42 @@ def _style(table: Table) -> NumberStyle:
     return style_of(table.name, [table.texts(i) for i in range(len(table.header))])
 
 
+def _in_one_unit(table: Table) -> Table:
+    """The table with the cells of each column in one unit: that of the header, or of the first cell."""
+    cells = [list(row) for row in table.cells]
+    header = list(table.header)
+    for at, (name, unit) in enumerate(table.header):
+        read = [table.style.read(text) for text in table.texts(at)]
+        written = [plain_unit(cell.unit) if cell and cell.unit else "" for cell in read]
+        first = next(filter(None, written), "")
+        wanted = unit or first
+        quantity = next((of for of in QUANTITIES_OF_COLUMNS if is_unit_of(wanted, of)), "")
+        is_mixed = any(one and one != wanted for one in written) and quantity
+        if not is_mixed or not all(is_unit_of(one, quantity) for one in filter(None, written)):
+            continue
+        if not unit and not all(written[i] for i, cell in enumerate(read) if cell):
+            # Whether the cells without a unit have that of the others, nothing says.
+            continue
+        for i, cell in enumerate(read):
+            if cell and written[i] and written[i] != wanted:
+                ratio = units.parse(f"1 {written[i]}", quantity, name) / units.parse(
+                    f"1 {wanted}", quantity, name
+                )
+                cells[i][at] = _as_text(cell, ratio, table.style)
+            elif cell and not unit:
+                cells[i][at] = _as_text(cell, 1.0, table.style)
+        header[at] = (name, wanted)
+    return replace(table, header=tuple(header), cells=tuple(map(tuple, cells)))
+
+
+def _as_text(cell: NumberCell, ratio: float, style: NumberStyle) -> str:
+    """A cell in another unit, `ratio` of which is one of its own."""
+    numbers = [
+        f"{one * ratio:.12g}" for one in (cell.value, cell.uncertainty) if not math.isnan(one)
+    ]
+    return " ± ".join(numbers).replace(".", style.decimal)
+
+
 def _in_a_row(table: Table) -> list[Table]:
     """The times, or the heights, that a table has in a row for each drop, under names with numbers:
     "Bounce 0 (s), Bounce 1 (s), ..."; empty where it has none.
@@ -547,13 +603,14 @@ def _in_a_row(table: Table) -> list[Table]:
             found = meanings_of(name)
             digits = [int(meaning) for meaning in found if meaning.isdigit()]
             words = found - set(map(str, digits))
-            if words and words <= allowed and is_unit_of(unit, quantity):
+            is_trial = words <= {*allowed, "trial", "number"} and _is_counted_by_bounces(table)
+            if words and (words <= allowed or is_trial) and is_unit_of(unit, quantity):
                 numbered.append((digits[0] if digits else -1, i))
         if len(numbered) < 3 or len({number for number, _ in numbered}) < len(numbered):
             continue
         places = [i for _, i in sorted(numbered)]
-        if _counts_bounces(table, places):
-            return _a_column_each(table, places)
+        if _is_counted_by_bounces(table):
+            return _a_column_each(table, places, quantity)
         drops = []
         for k, (row, line) in enumerate(zip(table.cells, table.lines, strict=True), 1):
             cells = [cell_of(row, i) for i in places]
@@ -570,16 +627,19 @@ def _in_a_row(table: Table) -> list[Table]:
     return []
 
 
-def _counts_bounces(table: Table, places: Sequence[int]) -> bool:
-    """Say whether a column beside others numbers the rows as bounces: then these go down."""
-    for at, (name, unit) in enumerate(table.header):
-        if at not in places and not unit and numbers_bounces(name) and counts(table.texts(at)):
-            return True
-    return False
+def _is_counted_by_bounces(table: Table) -> bool:
+    """Say whether a column numbers the rows as bounces: then the others go down, a drop each."""
+    return any(
+        not unit and numbers_bounces(name) and counts(table.texts(at))
+        for at, (name, unit) in enumerate(table.header)
+    )
 
 
-def _a_column_each(table: Table, places: Sequence[int]) -> list[Table]:
-    """A table for each of the columns at these places, without the cells that are missing."""
+def _a_column_each(table: Table, places: Sequence[int], quantity: str) -> list[Table]:
+    """A table for each of the columns at these places, without the cells that are missing.
+
+    quantity: of the columns; times that fall are those between touches.
+    """
     drops = []
     for k, at in enumerate(places, 1):
         rows = [
@@ -587,16 +647,107 @@ def _a_column_each(table: Table, places: Sequence[int]) -> list[Table]:
             for row, line in zip(table.cells, table.lines, strict=True)
             if not is_missing(cell_of(row, at))
         ]
+        name = "height"
+        if quantity == "time":
+            falls = (np.diff([table.number(text) for text, _ in rows]) < 0).all()
+            name = "interval" if falls else "time"
         drops.append(
             replace(
                 table,
                 name=f"{table.name}, drop {k}",
-                header=(table.header[at],),
+                header=((name, table.header[at][1]),),
                 cells=tuple((cell,) for cell, _ in rows),
                 lines=tuple(line for _, line in rows),
             )
         )
     return drops
+
+
+def _is_label(cells: Sequence[str], width: int) -> bool:
+    """Say whether a row of a table of `width` columns has a word alone, such as "Run 2"."""
+    given = _trimmed(cells)
+    if len(given) != 1 or looks_numeric(given[0]):
+        return False
+    words = {meaning for meaning in meanings_of(given[0]) if not meaning.isdigit()}
+    return width > 1 or (bool(words) and words <= {"number", "trial", "drop"})
+
+
+def _one_below_the_other(table: Table) -> list[Table]:
+    """The drops of a table of times or heights, where a line between rows, or a column that numbers
+    the drops, parts them and the readings begin again; the table alone where none do.
+    """
+    roles = {role_of(*name) for name in table.header}
+    if len(roles & QUANTITY_OF.keys()) == 0 or roles & _OF_PAIRS:
+        return [table]
+    texts = [table.texts(at) for at in range(len(table.header))]
+    drops = [texts[at] for at in range(len(texts)) if _numbers_drops(table, at)]
+    starts = [0]
+    for i in range(1, len(table.cells)):
+        is_parted = table.lines[i] - table.lines[i - 1] > 1 or any(
+            each[i] != each[i - 1] for each in drops
+        )
+        if is_parted and _begins_again(table, starts[-1], i):
+            starts.append(i)
+    if len(starts) == 1:
+        return [table]
+    # The column that numbered the drops has done its work.
+    kept = [at for at in range(len(texts)) if texts[at] not in drops]
+    return [
+        replace(
+            table,
+            name=f"{table.name}, drop {k}",
+            header=tuple(table.header[at] for at in kept),
+            cells=tuple(tuple(cell_of(row, at) for at in kept) for row in table.cells[begin:end]),
+            lines=table.lines[begin:end],
+        )
+        for k, (begin, end) in enumerate(itertools.pairwise([*starts, len(table.cells)]), 1)
+    ]
+
+
+def _numbers_drops(table: Table, at: int) -> bool:
+    """Say whether a column has one number, or name, for the rows of each drop."""
+    name, unit = table.header[at]
+    runs = [len(list(group)) for _, group in itertools.groupby(table.texts(at))]
+    is_named = bool(meanings_of(name)) and meanings_of(name) <= {"number", "trial", "drop"}
+    return is_named and not unit and len(runs) > 1 and min(runs) >= _LEAST_ROWS
+
+
+def _begins_again(table: Table, begin: int, at: int) -> bool:
+    """Say whether a column that rose, or fell, in the rows before does the other in row `at`."""
+    for column in range(len(table.header)):
+        before = table.numbers(column)[begin:at]
+        way = np.sign(np.diff(before))
+        step = np.sign(table.number(cell_of(table.cells[at], column)) - before[-1])
+        if len(way) and way[0] and (way == way[0]).all() and step == -way[0]:
+            return True
+    return False
+
+
+def _made_again(table: Table) -> list[Table]:
+    """The table with a row for each of several rebounds from one height that are numbered as trials;
+    empty where they may be successive bounces, each below the one before.
+    """
+    after = [i for i, name in enumerate(table.header) if role_of(*name) in _AFTER]
+    before = [i for i, name in enumerate(table.header) if role_of(*name) in _OF_PAIRS - _AFTER]
+    if len(after) < 2 or len(before) != 1 or len({table.header[i][1] for i in after}) > 1:
+        return []
+    numbers = np.array([table.numbers(i) for i in after])
+    if not (np.diff(numbers, axis=0) > 0).any():
+        return []
+    name = re.sub(r"\d+", "", table.header[after[0]][0]).strip()
+    rows = [
+        ((cell_of(row, before[0]), cell_of(row, i)), line)
+        for row, line in zip(table.cells, table.lines, strict=True)
+        for i in after
+    ]
+    return [
+        replace(
+            table,
+            header=(table.header[before[0]], (name, table.header[after[0]][1])),
+            cells=tuple(row for row, _ in rows),
+            lines=tuple(line for _, line in rows),
+        )
+    ]
 
 
 def _side_by_side(table: Table) -> list[Table]:
