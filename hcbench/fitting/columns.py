@@ -170,7 +170,7 @@ def kind_of(roles: frozenset[str]) -> str | None:
 
 def require_one_drop(columns: DataColumns) -> None:
     """Raise UserError where a column beside bounces numbers the drops, or measurements made again."""
-    again = {"trial", "drop"} if "time" in columns.places else {"trial", "drop", "sample"}
+    again = {"trial", "drop"} if "time" in columns.roles else {"trial", "drop", "sample"}
     for name, numbers in _numbers_of_rows(columns):
         if meanings_of(name) & again and len(numbers) > 1:
             got = f"a row for each {name!r}"
@@ -226,16 +226,19 @@ def _counts_rows(table: Table, at: int) -> bool:
 
 
 def _leave_counters(table: Table, roles: dict[str, list[int]]) -> None:
-    """Leave out columns such as "interval" that count the rows and lack the unit that others have."""
-    with_unit = [
+    """Leave out columns such as "interval" that count the rows, beside others that have a unit or do
+    not count.
+    """
+    of_data = [
         i
         for role, at in roles.items()
         for i in at
-        if role in QUANTITY_OF and table.unit_of(i, QUANTITY_OF[role])
+        if role in QUANTITY_OF
+        and (table.unit_of(i, QUANTITY_OF[role]) or not counts(table.texts(i)))
     ]
-    for role in [role for role in roles if role in QUANTITY_OF and with_unit]:
+    for role in [role for role in roles if role in QUANTITY_OF and of_data]:
         at = roles[role]
-        roles[role] = [i for i in at if i in with_unit or not counts(table.texts(i))]
+        roles[role] = [i for i in at if i in of_data]
         if not roles[role]:
             del roles[role]
 

@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 
 _CLOCK = r"\d+(?::\d+){1,3}(?:[.,]\d+)?"
 _PLAIN = r"[-+]?(?:\d+(?:[.,]\d+)?|\.\d+)(?:[eEdD][-+]?\d+)?"
-_NUMBER = re.compile(rf"(?<![\w.])(?:{_CLOCK}|{_PLAIN})(?![\w.]*\w*\d)(?!\w*[\"'])")
+_STAMP = r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:[.,]\d+)?"
+_NUMBER = re.compile(rf"(?<![\w.])(?:{_STAMP}|{_CLOCK}|{_PLAIN})(?![\w.]*\d)")
 # A list of numbers in a program or its output: "[0.32, 0.61, 0.85]", one a line, in rows of six.
 _BETWEEN = r"[\s,;\[\](){}]+"
 _IN_LIST = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?"
@@ -52,6 +53,7 @@ _OF_PROGRAMS = frozenset(
         "vector",
     ]
 )
+_OPENING = tuple("=:([{")
 # Letters before a list that may have its name, and words of them.
 _BEFORE = 200
 _MOST_WORDS = 8
@@ -79,7 +81,8 @@ class _Columns(NamedTuple):
 
     def known(self) -> int:
         """Number of columns with data."""
-        return sum(role_of(*split_header(name)) in QUANTITY_OF for name in self.names)
+        roles = {role_of(*split_header(name)) for name in self.names}
+        return len(roles & {*QUANTITY_OF, "frame", "sample"})
 
 
 def rows_in_text(text: str) -> tuple[Row, ...]:
@@ -98,10 +101,13 @@ def rows_in_text(text: str) -> tuple[Row, ...]:
 def _lines(text: str) -> list[tuple[int, str]]:
     """Numbers and text of the lines that are not empty; each tag of XML is a line."""
     is_markup = text.lstrip().startswith("<")
+    if is_markup:
+        # The ends of elements say nothing.
+        text = re.sub(r"</[^<>]*>", "", text)
     return [
         (number, part.strip())
         for number, line in enumerate(text.splitlines(), 1)
-        for part in (re.split(r"(?<=>)(?=<[^/])", line) if is_markup else [line])
+        for part in (re.split(r"(?<=.)(?=<)", line) if is_markup else [line])
         if part.strip()
     ]
 
@@ -111,13 +117,7 @@ def _of_records(lines: Sequence[tuple[int, str]]) -> _Columns:
     alike: defaultdict[str, list[int]] = defaultdict(list)
     for at, (_, line) in enumerate(lines):
         alike[_masked(line)].append(at)
-    # Numbers alone are a table, whose header says what they are.
-    with_words = [
-        starts
-        for words, starts in alike.items()
-        if len(starts) >= _LEAST and ("-->" in words or any(map(str.isalpha, words)))
-    ]
-    ways = [_records(lines, starts) for starts in with_words]
+    ways = [_records(lines, starts) for starts in alike.values() if len(starts) >= _LEAST]
     return max(ways, key=lambda way: (way.known(), len(way.rows)), default=_Columns())
 
 
@@ -129,12 +129,19 @@ def _masked(line: str) -> str:
 def _records(lines: Sequence[tuple[int, str]], starts: Sequence[int]) -> _Columns:
     """Columns of records that begin at these lines: those that all of them have."""
     records: list[dict[str, str]] = []
+    first = lines[starts[0]][1]
+    # "points [1]:" is over the lines of its record.
+    over = re.sub(r"[\W\d]+", " ", first).strip() if first.endswith(":") else ""
+    has_words = False
     for begin, end in itertools.pairwise([*starts, len(lines)]):
         record: dict[str, str] = {}
         for _, line in lines[begin:end]:
+            has_words = has_words or "-->" in line or any(map(str.isalpha, line))
             for name, number in _named(line):
+                called = f"{over} {name}" if role_of(f"{over} {name}") in QUANTITY_OF else name
                 # Numbers of one name are told apart by their places.
-                record.setdefault(name if name not in record else f"{name} {len(record)}", number)
+                called = called if called not in record else f"{called} {len(record)}"
+                record.setdefault(called, number)
         records.append(record)
     names = tuple(name for name in records[0] if all(name in record for record in records))
     before = [(number, (_plain(line),)) for number, line in lines[: starts[0]]]
@@ -142,7 +149,10 @@ def _records(lines: Sequence[tuple[int, str]], starts: Sequence[int]) -> _Column
         (lines[start][0], tuple(record[name] for name in names))
         for start, record in zip(starts, records, strict=True)
     ]
-    listed = listed_names([line for _, line in lines[: starts[0]]], len(names))
+    listed = listed_names([line for _, line in lines[: starts[0] + 1]], len(names))
+    if not listed and not has_words:
+        # Numbers alone are a table, whose header says what they are.
+        return _Columns()
     return _Columns(listed or names, tuple(rows), tuple(before))
 
 
@@ -161,7 +171,10 @@ def _named(line: str) -> Iterator[tuple[str, str]]:
             name = words
         else:
             words = name
-        is_with_unit = unit is not None and is_unit(plain_unit(unit[1]))
+        is_quoted = part.before.endswith(("'", '"'))
+        is_with_unit = unit is not None and not is_quoted and is_unit(plain_unit(unit[1]))
+        # <time unit="s">
+        words = re.sub(r"\s+units? = (\S+)$", r" [\1]", words)
         yield (f"{words} [{unit[1]}]" if is_with_unit and unit else words), part.number
 
 
@@ -184,7 +197,11 @@ def _of_lists(text: str) -> _Columns:
     """Columns of the lists of numbers in a text, each with the last name before it that is known."""
     columns: dict[str, list[str]] = {}
     for found in _LIST.finditer(text):
-        name = _name_before(text[max(0, found.start() - _BEFORE) : found.start()])
+        # A list is in brackets, or after a sign: numbers below a header are a table.
+        if text[: found.start()].rstrip()[-1:] not in _OPENING:
+            continue
+        rest = text[found.end() : found.end() + _BEFORE].partition("\n")[0]
+        name = _name_of(text[max(0, found.start() - _BEFORE) : found.start()], rest)
         if name:
             columns.setdefault(name, re.findall(_IN_LIST, found[0]))
     count = max(map(len, columns.values()), default=0)
@@ -192,15 +209,16 @@ def _of_lists(text: str) -> _Columns:
     return _Columns(tuple(columns), tuple((1, row) for row in zip(*padded, strict=True)))
 
 
-def _name_before(text: str) -> str:
-    """The last name of a column in a text, with a unit that stands near it; "" for none."""
-    words = [word for word in _WORD.findall(text) if word.lower() not in _OF_PROGRAMS][
-        -_MOST_WORDS:
-    ]
+def _name_of(before: str, after: str) -> str:
+    """The last name of a column before a list, with a unit that stands near it; "" for none."""
+    words = [word for word in _WORD.findall(before) if word.lower() not in _OF_PROGRAMS]
+    words = words[-_MOST_WORDS:]
     for word in reversed(words):
         role = role_of(*split_header(word))
         if role not in QUANTITY_OF:
             continue
-        unit = next((one for one in words if is_unit_of(plain_unit(one), QUANTITY_OF[role])), "")
+        # Of several lists, each has its unit after it.
+        near = [*re.findall(r"[^\W\d_][\w/]*", after), *reversed(words)]
+        unit = next((one for one in near if is_unit_of(plain_unit(one), QUANTITY_OF[role])), "")
         return word if split_header(word)[1] or not unit else f"{word} [{unit}]"
     return ""

@@ -124,7 +124,7 @@ def read_datasets(
         in_text = [replace(sheet, rows=rows_in_text(sheet.text)) for sheet in sheets]
         found, refused_too = _read(in_text, setup, kind)
         if not found:
-            raise _worst(refused)
+            raise _worst([*refused, *refused_too])
         refused = refused_too
     _require_all_read(found, refused)
     return _different([data for _, data in found])
@@ -449,7 +449,8 @@ def _seen(columns: DataColumns, role: str) -> tuple[DataColumns, Indices | None,
         return columns.taken(given.tolist()), None, assumed
     missing = sorted(set(range(numbers[0], numbers[-1])) - set(numbers.tolist()))
     shown = ", ".join(str(i + 1) for i in missing[:_MOST_SHOWN])
-    said = f"no {role} of bounce {shown} of the table: read as not seen"
+    event = "touch" if role == "time" else "bounce"
+    said = f"no {role} of {event} {shown}, counted from 1: read as not seen"
     taken = columns.taken(given.tolist())
     return taken, numbers - numbers[0], "; ".join(filter(None, (assumed, said)))
 
