@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING, Any
 import babel
 from babel.localedata import load, locale_identifiers
 
-from hcbench.system.outputs import write_output
-
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -109,4 +107,4 @@ def text() -> str:
 
 
 if __name__ == "__main__":
-    write_output(PATH, text(), "unit_words.toml", force=True)
+    PATH.write_text(text(), encoding="utf-8")

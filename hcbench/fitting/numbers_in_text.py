@@ -167,7 +167,7 @@ def _named(line: str) -> Iterator[tuple[str, str]]:
             # Of a label, the begin and the end.
             words = words if role_of(words) else ("start", "stop")[min(clocks, 1)]
             clocks += 1
-        elif meanings_of(words) - {"?"} or not name:
+        elif meanings_of(words) or not name:
             name = words
         else:
             words = name

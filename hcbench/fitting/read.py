@@ -430,29 +430,32 @@ def _times(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
         counted = columns.get("time")
         columns.require("frame", np.concatenate([[True], np.diff(counted) > 0]), "frames that rise")
         return _touch_times(name, setup, counted, columns.assumed)
-    seen, numbers, said = _seen(columns, "time")
+    seen, numbers = _seen(columns, "time")
     seen = _in_turn(seen)
     times = seen.get("time")
     seen.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
-    return replace(_touch_times(name, setup, times, said), numbers=numbers)
+    return replace(_touch_times(name, setup, times, seen.assumed), numbers=numbers)
 
 
-def _seen(columns: DataColumns, role: str) -> tuple[DataColumns, Indices | None, str]:
-    """The rows of bounces that have a reading, which bounce each is, None where none is missing, and
-    what is assumed: a row without a reading, and a number that is left out, are a bounce not seen.
+def _seen(columns: DataColumns, role: str) -> tuple[DataColumns, Indices | None]:
+    """The rows of bounces that have a reading, and which bounce each is, None where all are seen: a
+    row without a reading, and a number that is left out, are one that was not seen.
     """
     given = np.flatnonzero(columns.table.is_given(columns.places[role]))
     numbers = bounce_numbers(columns)[given]
-    assumed = columns.assumed
-    unseen = int(numbers[-1] - numbers[0]) + 1 - len(numbers)
-    if not unseen:
-        return columns.taken(given.tolist()), None, assumed
+    seen = columns.taken(given.tolist())
     missing = sorted(set(range(numbers[0], numbers[-1])) - set(numbers.tolist()))
-    shown = ", ".join(str(i + 1) for i in missing[:_MOST_SHOWN])
+    if not missing:
+        return seen, None
     event = "touch" if role == "time" else "bounce"
+    shown = ", ".join(str(i + 1) for i in missing[:_MOST_SHOWN])
     said = f"no {role} of {event} {shown}, counted from 1: read as not seen"
-    taken = columns.taken(given.tolist())
-    return taken, numbers - numbers[0], "; ".join(filter(None, (assumed, said)))
+    return _assuming(seen, said), numbers - numbers[0]
+
+
+def _assuming(columns: DataColumns, said: str) -> DataColumns:
+    """The columns with one more sentence of what is assumed."""
+    return replace(columns, assumed="; ".join(filter(None, (columns.assumed, said))))
 
 
 def _in_turn(columns: DataColumns) -> DataColumns:
@@ -469,8 +472,7 @@ def _in_turn(columns: DataColumns) -> DataColumns:
         return columns
     shown = " and ".join(f"{times[i]:g}" for i in wrong[0] + np.arange(2))
     said = f"times {shown} do not rise: read as exchanged"
-    turned = columns.taken(order.tolist())
-    return replace(turned, assumed="; ".join(filter(None, (columns.assumed, said))))
+    return _assuming(columns.taken(order.tolist()), said)
 
 
 def _touch_times(
@@ -519,7 +521,7 @@ def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     A first row that is the drop height itself is left out. Raises UserError for heights that do not
     fall, too few or too many of them, and a first bounce above the drop.
     """
-    columns, numbers, assumed = _seen(columns, "height")
+    columns, numbers = _seen(columns, "height")
     heights = columns.get("height")
     columns.require("height", heights > 0, "above 0: the bottom of the ball above the plate")
     require_bounds(f"{columns.table.name}: height", heights.tolist(), "length", "m")
@@ -545,7 +547,7 @@ def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     height_noise = None
     if given.any():
         height_noise = float(given.mean())
-    return Heights(columns.table.name, setup, heights, height_noise, assumed, numbers)
+    return Heights(columns.table.name, setup, heights, height_noise, columns.assumed, numbers)
 
 
 def _rounding(columns: DataColumns, setup: MeasurementSetup) -> float:

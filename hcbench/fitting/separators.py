@@ -324,5 +324,11 @@ def listed_names(lines: Sequence[str], count: int) -> tuple[str, ...]:
     ]
     below = [line for line in lines if not line.strip().lower().startswith(("@data", "@relation"))]
     ways.append([_OF_LIST.sub("", line).strip() for line in below[-count:]])
-    known = [way for way in ways if len(way) == count > 1 and all(map(_is_known, way))]
+    # "rate = 240" has a value: it is no name.
+    known = [
+        way
+        for way in ways
+        if len(way) == count > 1
+        and all(_is_known(one) and not set(one) & {"=", ":"} for one in way)
+    ]
     return tuple(known[-1]) if known else ()

@@ -606,7 +606,8 @@ def _in_a_row(table: Table) -> list[Table]:
             is_trial = words <= {*allowed, "trial", "number"} and _is_counted_by_bounces(table)
             if words and (words <= allowed or is_trial) and is_unit_of(unit, quantity):
                 numbered.append((digits[0] if digits else -1, i))
-        if len(numbered) < 3 or len({number for number, _ in numbered}) < len(numbered):
+        least = 2 if _is_counted_by_bounces(table) else 3
+        if len(numbered) < least or len({number for number, _ in numbered}) < len(numbered):
             continue
         places = [i for _, i in sorted(numbered)]
         if _is_counted_by_bounces(table):
