@@ -84,7 +84,7 @@ def _words_of(styles: Any) -> Iterator[str]:
 
 
 def _tells(word: str) -> bool:
-    """Say whether a word is long enough, or of letters in which short ones are no other word."""
+    """Say whether a word is long enough for its letters to mean nothing else in another language."""
     letters = [letter for letter in word if unicodedata.category(letter)[0] in "LM"]
     is_latin = any(unicodedata.name(letter).startswith("LATIN") for letter in letters)
     return word[0] != "/" and len(letters) >= (_LEAST_LATIN if is_latin else _LEAST)

@@ -44,6 +44,7 @@ DATA_KINDS: dict[frozenset[str], str] = {
     frozenset({"time", "height"}): "track",
     frozenset({"speed_in", "speed_out"}): "speeds",
     frozenset({"height_in", "height_out"}): "rises",
+    frozenset({"height_in", "interval"}): "rises",
     frozenset({"speed", "restitution"}): "pairs",
     frozenset({"speed_in", "restitution"}): "pairs",
     frozenset({"speed", "squared"}): "pairs",

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 # Two columns of one quantity are the same where they differ by no more than this share: rounding.
 _SAME = 2e-3
-# Roles whose names are no words.
+# Roles that a sentence calls by other words.
 _CALLED = {"time": "time of each touch", "interval": "time between touches"}
 # Kinds of one column: any other column of numbers may change what it means.
 _ALONE = ("times", "heights")
@@ -178,7 +178,7 @@ def require_one_drop(columns: DataColumns) -> None:
 
 
 def bounce_numbers(columns: DataColumns) -> Indices:
-    """Which bounce or touch each row is, from 0: by a column that numbers them, or by the rows."""
+    """Number of the bounce or touch of each row, from 0: by a column that numbers them, or by the rows."""
     for name, numbers in _numbers_of_rows(columns):
         if numbers_bounces(name):
             return np.asarray(numbers - numbers.min(), dtype=int)

@@ -1,4 +1,4 @@
-"""Numbers in text that is no table: logs, records of several lines, markup, and lists in programs.
+"""Numbers in text without a table: logs, records of several lines, markup, and lists in programs.
 
 Lines with the same words and other numbers are records, and each number in them is a column: it has
 the words before it as its name, and the unit after it.
@@ -139,7 +139,7 @@ def _records(lines: Sequence[tuple[int, str]], starts: Sequence[int]) -> _Column
             has_words = has_words or "-->" in line or any(map(str.isalpha, line))
             for name, number in _named(line):
                 called = f"{over} {name}" if role_of(f"{over} {name}") in QUANTITY_OF else name
-                # Numbers of one name are told apart by their places.
+                # Numbers of one name differ by their places.
                 called = called if called not in record else f"{called} {len(record)}"
                 record.setdefault(called, number)
         records.append(record)

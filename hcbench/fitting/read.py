@@ -79,6 +79,8 @@ _OF_NOISE = 0.02
 _OF_E = 0.05
 # Speeds that differ by less than this share are one speed.
 _ONE_SPEED = 1e-6
+# Bounces in a row that may be missing from a table: numbers with wider gaps count something else.
+_MOST_UNSEEN = 3
 # Bounces not seen that a sentence names.
 _MOST_SHOWN = 6
 # Letters of the trains in a recording, the likeliest first.
@@ -447,6 +449,11 @@ def _seen(columns: DataColumns, role: str) -> tuple[DataColumns, Indices | None]
     missing = sorted(set(range(numbers[0], numbers[-1])) - set(numbers.tolist()))
     if not missing:
         return seen, None
+    if np.diff(numbers).max() > _MOST_UNSEEN + 1:
+        got = f"numbers of bounces that leave out {np.diff(numbers).max() - 1}"
+        raise UserError(
+            columns.table.name, got, f"at most {_MOST_UNSEEN} bounces not seen in a row"
+        )
     event = "touch" if role == "time" else "bounce"
     shown = ", ".join(str(i + 1) for i in missing[:_MOST_SHOWN])
     said = f"no {role} of {event} {shown}, counted from 1: read as not seen"
@@ -652,14 +659,16 @@ def _rises(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     Raises UserError for heights of 0 and below, and a rebound above its drop.
     """
     before = columns.get("height_in")
-    after = columns.get("height_out")
-    name, _ = columns.table.header[columns.places["height_out"]]
+    columns.require("height_in", before > 0, "above 0")
+    role = "height_out" if "height_out" in columns.places else "interval"
+    after = columns.get(role)
+    if role == "interval":
+        # A flight of the time T rises to g T²/8.
+        after = setup.ballistics.gravity * after**2 / 8.0
+    name, _ = columns.table.header[columns.places[role]]
     if any(int(number) > 1 for number in re.findall(r"\d+", name)):
         raise UserError(columns.table.name, f"{name!r}", "the height of the first rebound")
-    columns.require("height_in", before > 0, "above 0")
-    columns.require(
-        "height_out", (after >= 0) & (after <= before), "from 0 to the height of the drop"
-    )
+    columns.require(role, (after >= 0) & (after <= before), "a rebound below the drop")
     v_in = np.array([setup.ballistics.dropped(h)[0] for h in before])
     v_out = np.sqrt(2.0 * setup.ballistics.gravity * after)
     _require_e(columns, v_out / v_in)

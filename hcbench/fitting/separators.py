@@ -324,7 +324,7 @@ def listed_names(lines: Sequence[str], count: int) -> tuple[str, ...]:
     ]
     below = [line for line in lines if not line.strip().lower().startswith(("@data", "@relation"))]
     ways.append([_OF_LIST.sub("", line).strip() for line in below[-count:]])
-    # "rate = 240" has a value: it is no name.
+    # "rate = 240" has a value: it names nothing.
     known = [
         way
         for way in ways

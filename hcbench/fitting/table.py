@@ -77,6 +77,8 @@ _SUMS = (
 )
 # Meanings of columns that have a time of a touch each.
 _OF_TIMES = {"time", "touch", "bounce", "begin", "beside"}
+# Share by which rebounds from one height differ, at most.
+_SAME_REBOUND = 0.2
 # Roles of impacts measured one by one, and those of them after the impact.
 _AFTER = {"height_out", "speed_out"}
 _OF_PAIRS = {"height_in", "speed", "speed_in", "restitution", "squared", *_AFTER}
@@ -733,7 +735,8 @@ def _made_again(table: Table) -> list[Table]:
     if len(after) < 2 or len(before) != 1 or len({table.header[i][1] for i in after}) > 1:
         return []
     numbers = np.array([table.numbers(i) for i in after])
-    if not (np.diff(numbers, axis=0) > 0).any():
+    is_near = (np.ptp(numbers, axis=0) < _SAME_REBOUND * np.abs(numbers).max(axis=0)).all()
+    if not is_near or not (np.diff(numbers, axis=0) > 0).any():
         return []
     name = re.sub(r"\d+", "", table.header[after[0]][0]).strip()
     rows = [
