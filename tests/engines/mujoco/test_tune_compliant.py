@@ -18,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hcbench.engines.mujoco.backend import has_feature
-from hcbench.engines.mujoco.recipes.compliant_fit import (
+from hcbench.engines.mujoco.recipes.compliant import (
     IMPRATIO,
     pushing_row,
     spring_and_damper_rows,
