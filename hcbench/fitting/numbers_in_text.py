@@ -89,6 +89,7 @@ def rows_in_text(text: str) -> tuple[Row, ...]:
     """A header and rows of the numbers in a text, below what the text says before them; empty where
     no name of a column is known.
     """
+    text = re.sub(r"\bnp\.(?:float|int)\d+\(([^()]*)\)", r"\1", text)
     lines = _lines(text)
     if len(lines) > _MOST_LINES or any(len(line) > _MOST_CHARACTERS for _, line in lines):
         return ()

@@ -33,7 +33,8 @@ from hcbench.fitting.listening import listen, quick_score
 from hcbench.fitting.numbers_in_text import rows_in_text
 from hcbench.fitting.recording import is_sound, read_recording
 from hcbench.fitting.sheets import read_sheets
-from hcbench.fitting.table import Table, cell_of, computed, tables_of, unit_scale
+from hcbench.fitting.table import Table, cell_of, computed, unit_scale
+from hcbench.fitting.tables import tables_of
 from hcbench.fitting.track import track_of, upright
 from hcbench.system.errors import UserError
 from hcbench.system.text import sanitized
