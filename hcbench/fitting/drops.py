@@ -127,8 +127,10 @@ def _one_below_the_other(table: Table) -> list[Table]:
     texts = [table.texts(at) for at in range(len(table.header))]
     drops = [texts[at] for at in range(len(texts)) if _numbers_drops(table, at)]
     starts = [0]
+    # Records of several lines, and files with an empty line after each, have no wider gaps.
+    usual = float(np.median(np.diff(table.lines))) if len(table.lines) > 1 else 1.0
     for i in range(1, len(table.cells)):
-        is_parted = table.lines[i] - table.lines[i - 1] > 1 or any(
+        is_parted = table.lines[i] - table.lines[i - 1] > usual or any(
             each[i] != each[i - 1] for each in drops
         )
         if is_parted and _begins_again(table, starts[-1], i):
@@ -158,8 +160,12 @@ def _numbers_drops(table: Table, at: int) -> bool:
 
 
 def _begins_again(table: Table, begin: int, at: int) -> bool:
-    """Say whether a column that rose, or fell, in the rows before does the other in row `at`."""
-    for column in range(len(table.header)):
+    """Say whether a column that rose, or fell, in the rows before does the other in row `at`: that
+    of the time, where there is one.
+    """
+    names = [role_of(*name) for name in table.header]
+    clocks = [i for i, role in enumerate(names) if role in ("time", "frame", "sample")]
+    for column in clocks or range(len(names)):
         before = table.numbers(column)[begin:at]
         way = np.sign(np.diff(before))
         step = np.sign(table.number(cell_of(table.cells[at], column)) - before[-1])

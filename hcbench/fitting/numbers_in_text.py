@@ -59,7 +59,7 @@ _BEFORE = 200
 _MOST_WORDS = 8
 # Lines with the same words that are records, at least; lines and characters of a line at most.
 _LEAST = 3
-_MOST_LINES = 20_000
+_MOST_LINES = 100_000
 _MOST_CHARACTERS = 400
 _MASK = "\0"
 
@@ -118,7 +118,8 @@ def _of_records(lines: Sequence[tuple[int, str]]) -> _Columns:
     alike: defaultdict[str, list[int]] = defaultdict(list)
     for at, (_, line) in enumerate(lines):
         alike[_masked(line)].append(at)
-    ways = [_records(lines, starts) for starts in alike.values() if len(starts) >= _LEAST]
+    named = [list(_named(line)) for _, line in lines]
+    ways = [_records(lines, named, starts) for starts in alike.values() if len(starts) >= _LEAST]
     return max(ways, key=lambda way: (way.known(), len(way.rows)), default=_Columns())
 
 
@@ -127,8 +128,15 @@ def _masked(line: str) -> str:
     return re.sub(r"\d+", "0", re.sub(r"([\"'])[^\"'=<>]*\1", "'0'", _NUMBER.sub(_MASK, line)))
 
 
-def _records(lines: Sequence[tuple[int, str]], starts: Sequence[int]) -> _Columns:
-    """Columns of records that begin at these lines: those that all of them have."""
+def _records(
+    lines: Sequence[tuple[int, str]],
+    named: Sequence[list[tuple[str, str]]],
+    starts: Sequence[int],
+) -> _Columns:
+    """Columns of records that begin at these lines: those that all of them have.
+
+    named: (name, number) of each number in each line.
+    """
     records: list[dict[str, str]] = []
     first = lines[starts[0]][1]
     # "points [1]:" is over the lines of its record.
@@ -136,13 +144,14 @@ def _records(lines: Sequence[tuple[int, str]], starts: Sequence[int]) -> _Column
     has_words = False
     for begin, end in itertools.pairwise([*starts, len(lines)]):
         record: dict[str, str] = {}
-        for _, line in lines[begin:end]:
+        for (_, line), numbers in zip(lines[begin:end], named[begin:end], strict=True):
             has_words = has_words or "-->" in line or any(map(str.isalpha, line))
-            for name, number in _named(line):
+            for name, number in numbers:
                 called = f"{over} {name}" if role_of(f"{over} {name}") in QUANTITY_OF else name
                 # Numbers of one name differ by their places.
                 called = called if called not in record else f"{called} {len(record)}"
                 record.setdefault(called, number)
+        _join_stamp(record)
         records.append(record)
     names = tuple(name for name in records[0] if all(name in record for record in records))
     before = [(number, (_plain(line),)) for number, line in lines[: starts[0]]]
@@ -155,6 +164,13 @@ def _records(lines: Sequence[tuple[int, str]], starts: Sequence[int]) -> _Column
         # Numbers alone are a table, whose header says what they are.
         return _Columns()
     return _Columns(listed or names, tuple(rows), tuple(before))
+
+
+def _join_stamp(record: dict[str, str]) -> None:
+    """Replace the seconds and nanoseconds of a stamp of ROS by its time in s, with all its digits."""
+    for whole, part in (("secs", "nsecs"), ("sec", "nanosec")):
+        if whole in record and part in record:
+            record["stamp [s]"] = f"{record.pop(whole)}.{int(record.pop(part)):09d}"
 
 
 def _named(line: str) -> Iterator[tuple[str, str]]:

@@ -14,6 +14,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 from hcbench.fitting.column_names import explained, is_short_latin, is_word_of_header
+from hcbench.fitting.numbers_in_text import rows_in_text
 from hcbench.fitting.separators import Row, rows_of
 from hcbench.system.errors import UserError
 from hcbench.system.files import is_file, parse_json, read_bytes, require_small_archive
@@ -32,8 +33,8 @@ _PLACE = re.compile(rb'<(?:\w+:)?c\b[^>]*?\br="([A-Z]{1,3})(\d{1,7})"')
 _ZEROS = 0.3
 _OLD_WORKBOOK = b"\xd0\xcf\x11\xe0"
 _ARCHIVE = b"PK\3\4"
-# The first line of a record in YAML: "- time: 0.32".
-_YAML_RECORD = re.compile(r"(?m)^( *)- (?=[^\s:][^:\n]*:\s)")
+# Lines of records, as in YAML and of `rostopic echo`: "  - time: 0.32", "---".
+_NAMED = re.compile(r"\s*(?:- )?[^\W\d][\w ./]*:(?:\s|$)|---\s*$|#")
 # Encodings of text that is not in UTF: the first is taken where no word tells.
 _ENCODINGS = (
     "cp1252",
@@ -188,11 +189,9 @@ def _of_text(name: str, text: str) -> Sheet:
         page = _HtmlTable()
         page.feed(text)
         return Sheet(name, tuple(enumerate(map(tuple, page.rows), 1)))
-    if re.match(r"[\w/]+:\s*$", text.lstrip().partition("\n")[0]) and "\n---" in text:
-        return _of_messages(name, text)
-    if len(_YAML_RECORD.findall(text)) > 1:
-        return _of_messages(name, _YAML_RECORD.sub(r"---\n\1  ", text))
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
+    if all(_NAMED.match(line) for _, line in lines) and (rows := rows_in_text(text)):
+        return Sheet(name, rows, text)
     return Sheet(name, rows_of(name, lines), text)
 
 
@@ -335,41 +334,6 @@ class _HtmlTable(HTMLParser):
         """Add text to a cell."""
         if self._is_in_cell and self.rows and self.rows[-1]:
             self.rows[-1][-1] = f"{self.rows[-1][-1]} {data.strip()}".strip()
-
-
-def _of_messages(name: str, text: str) -> Sheet:
-    """Messages of `rostopic echo` or `ros2 topic echo`, or records of YAML: names with blanks before
-    them for their depth, and "---" between messages.
-    """
-    records: list[dict[str, str]] = []
-    for message in re.split(r"(?m)^---\s*$", text):
-        record: dict[str, str] = {}
-        depths: list[tuple[int, str]] = []
-        for line in message.splitlines():
-            match = re.match(r"(\s*)([^\s:][^:]*):(?:\s+(.*))?$", line)
-            if match is None:
-                continue
-            while depths and depths[-1][0] >= len(match[1]):
-                depths.pop()
-            depths.append((len(match[1]), match[2]))
-            if (match[3] or "").strip():
-                record[".".join(part for _, part in depths)] = match[3].strip().strip("'\"")
-        _join_stamp(record)
-        if record:
-            records.append(record)
-    about = records[:1] if len(records) > 1 and not records[0].keys() & records[1].keys() else []
-    sheet = _of_json(name, records[len(about) :])
-    return Sheet(name, (*((0, pair) for one in about for pair in one.items()), *sheet.rows))
-
-
-def _join_stamp(record: dict[str, str]) -> None:
-    """Replace the seconds and nanoseconds of a stamp by its time in s, with all its digits."""
-    for whole, part in (("secs", "nsecs"), ("sec", "nanosec")):
-        for key in [key for key in record if key.rpartition(".")[2] == whole]:
-            before = key.rpartition(".")[0]
-            other = f"{before}.{part}"
-            if other in record and record[key].isdigit() and record[other].isdigit():
-                record[f"{before} [s]"] = f"{record.pop(key)}.{int(record.pop(other)):09d}"
 
 
 def _of_workbook(name: str, content: bytes) -> list[Sheet]:

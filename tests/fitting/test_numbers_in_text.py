@@ -11,6 +11,8 @@ from measured_bounces import EXACT
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.heights import Heights, SpeedPairs
 from hcbench.fitting.read import read_dataset, read_datasets
+from hcbench.fitting.sheets import read_sheets
+from hcbench.fitting.tables import tables_of
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -129,9 +131,18 @@ def test_a_blank_line_within_a_drop_parts_nothing(tmp_path: Path) -> None:
     assert len(read_datasets(path, EXACT)) == 1
 
 
+def test_a_film_with_empty_lines_is_one(tmp_path: Path) -> None:
+    path = tmp_path / "film.csv"
+    t = np.arange(200) / 120
+    rows = "".join(f"{a:.4f},{abs(np.cos(5 * a)):.4f}\n\n" for a in t)
+    path.write_text("time (s),height (m)\n" + rows)
+    (sheet,) = read_sheets(path)
+    assert [len(table.cells) for table in tables_of(sheet)] == [200]
+
+
 def test_trials_with_their_average_are_drops(tmp_path: Path) -> None:
     path = tmp_path / "trials.csv"
-    rows = lines("{i},{x:.2f},{ms:.2f},{x:.2f}", H).replace("0.00,", "0.00,")
+    rows = lines("{i},{x:.2f},{ms:.2f},{x:.2f}", H)
     path.write_text("Bounce #,Trial 1 (cm),Trial 2 (mm),Average (cm)\n" + rows)
     assert [len(one.pairs()[0]) for one in read_datasets(path, EXACT)] == [7, 7]
 
