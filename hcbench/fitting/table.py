@@ -1,4 +1,4 @@
-"""Tables as files have them: names, units, and cells of text that are read as numbers in SI."""
+"""Tables: names, units, and cells of text that are read as numbers in SI."""
 
 from __future__ import annotations
 
