@@ -192,6 +192,8 @@ def _named(line: str) -> Iterator[tuple[str, str]]:
         is_with_unit = unit is not None and not is_quoted and is_unit(plain_unit(unit[1]))
         # <time unit="s">
         words = re.sub(r"\s+units? = (\S+)$", r" [\1]", words)
+        # <value name="height (cm)">
+        words = re.sub(r"^\w+ (?:name|label|title|key) = ", "", words)
         yield (f"{words} [{unit[1]}]" if is_with_unit and unit else words), part.number
 
 

@@ -80,6 +80,10 @@ _OF_NOISE = 0.02
 _OF_E = 0.05
 # Speeds that differ by less than this share are one speed.
 _ONE_SPEED = 1e-6
+# Flights that are all shorter, s, are those of no ball one sees: contacts, or another unit.
+_SHORTEST = 10e-3
+# Roles that leave a column of times to mean something else than touches.
+_OF_SOMETHING_ELSE = frozenset({"height_in", "speed", "speed_in", "speed_out"})
 # Bounces in a row that may be missing from a table: numbers with wider gaps count something else.
 _MOST_UNSEEN = 3
 # Bounces not seen that a sentence names.
@@ -254,6 +258,11 @@ def _kind_of(columns: DataColumns, asked: str | None) -> str:
             raise UserError(name, "frames without their rate", expected)
         names = ", ".join(text for text, _ in columns.table.header if text)
         raise UserError(name, f"columns {names}", EXPECTED_COLUMNS)
+    other = sorted(roles & _OF_SOMETHING_ELSE)
+    if kind == "times" and other and asked is None:
+        got = f"times beside a {other[0].replace('_in', ' before').replace('_out', ' after')}"
+        advice = "Leave the other column out if the times are those of touches"
+        raise UserError(name, got, EXPECTED_COLUMNS, advice)
     needed = [of for of, of_kind in DATA_KINDS.items() if of_kind == kind]
     if not any(of <= roles for of in needed):
         missing = ", ".join(sorted(needed[0] - roles))
@@ -494,6 +503,9 @@ def _touch_times(
     if len(times) < setup.least_touches:
         raise too_few_touches(name, len(times), setup.least_touches)
     _require_few(name, len(times), "times")
+    if len(times) > 1 and np.diff(times).max() < _SHORTEST:
+        got = f"flights of at most {np.diff(times).max():.2g} s"
+        raise UserError(name, got, "those of a bouncing ball", "Look at the unit")
     if setup.contact_time.value >= np.diff(times).min():
         got = f"{setup.contact_time.value:g} s, and two touches {np.diff(times).min():.3g} s apart"
         raise UserError("contact-time", got, "less than from one touch to the next")
