@@ -208,7 +208,7 @@ def read_pairs(path: Path) -> Pairs:
     from hcbench.fitting.column_names import is_beside
     from hcbench.fitting.columns import columns_of
     from hcbench.fitting.sheets import read_sheets
-    from hcbench.fitting.table import tables_of
+    from hcbench.fitting.tables import tables_of
 
     if not path.exists() or path.is_dir():
         raise UserError("points", f"{str(path)!r:.80} is not a file", "a file of pairs (v, e)")

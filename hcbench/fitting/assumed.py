@@ -22,6 +22,8 @@ _LONGEST = 3.0
 _FIRST = 0.03
 # Share of flights that are shorter than the one before, at least.
 _SHRINKING = 0.7
+# Seconds of the units that cells without a header may have.
+_TIMES = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6}
 # Share of g by which free fall may miss it where metres and seconds are assumed.
 _NEAR_G = 0.2
 
@@ -44,12 +46,19 @@ def named(table: Table) -> tuple[Table, str]:
     if len(kept) == 2:
         lasts = columns[kept[1]] - columns[kept[0]]
         is_label = bool((lasts >= 0).all()) and (len(columns) > 2 or not lasts.any())
-    if (len(kept) == 1 or is_label) and is_train(columns[begins[0]]):
+    unit = table.unit_of(begins[0], "time") if begins else ""
+    if (
+        (len(kept) == 1 or is_label)
+        and unit in _TIMES
+        and is_train(_TIMES[unit] * columns[begins[0]])
+    ):
         header = [("", "")] * len(columns)
-        header[begins[0]] = ("time", "s")
+        header[begins[0]] = ("time", unit or "s")
         for i in kept[1:]:
             header[i] = ("stop", "s")
-        return replace(table, header=tuple(header)), "no header: read as times of touches in s"
+        return replace(
+            table, header=tuple(header)
+        ), f"no header: read as times of touches in {unit or 's'}"
     if len(kept) == 2 and falls_with_g(columns[kept[0]], columns[kept[1]]):
         header = [("", "")] * len(columns)
         header[kept[0]], header[kept[1]] = ("time", "s"), ("height", "m")

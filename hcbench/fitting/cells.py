@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import re
+import unicodedata
 from dataclasses import dataclass
 from datetime import datetime
 from typing import TYPE_CHECKING
 
-from hcbench.fitting.column_names import is_unit
+from hcbench.fitting.column_names import is_unit, is_unit_of, plain_unit
 from hcbench.system.errors import UserError
+from hcbench.terms import units
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -43,11 +45,18 @@ _EXPONENT = (
 )
 _MANTISSA = rf"[-+−]?(?:\d(?:[\d.,]|[{_BLANKS}](?=\d{{3}}))*|[.,]\d+)"
 _NUMBER = re.compile(rf"({_MANTISSA})({_EXPONENT})?")
+# "47 1/4" and "3/8", as rulers in inches have them; "47¼".
+_FRACTION = re.compile(
+    r"(?:(\d+)(?:\s+|-|\s*(?=[¼-¾⅐-⅞])))?(?:(\d+)\s*[/⁄]\s*(2|4|8|16|32|64)\b|([¼-¾⅐-⅞]))"
+)
+# A number with its unit, of several in one cell: "6' 3.5\"", "1 m 20 cm", "1 min 2.3 s".
+_PART = re.compile(r"\s*(\d[\d.,]*(?:[\s-]+\d+/\d+)?)\s*([^\W\d_]+\.?|''|[\"'′″’”])\s*(?:,|and)?")
 _TAIL = re.compile(r"\s*([%‰]|[^\d\s.,;+\-±()][^\d;±()]*(?:\^?-?\d)?)?\s*")
 _PLUS_MINUS = re.compile(r"\s*(?:±|\+/?[-−]|\\pm)\s*")
 _SHORT = re.compile(r"([-+−]?\d*(?:[.,](\d+))?)\((\d+(?:[.,]\d+)?)\)")
 # "1:02.5", "0:00:01.234", "0:00:01:23" with hundredths, as Kinovea writes it.
 _CLOCK = re.compile(r"(?:(\d+):)?(\d{1,2}):(\d{1,2})(?:([.,:])(\d+))?")
+_OF_NUMPY = re.compile(r"\bnp\.\w+\(([^()]*)\)")
 _ADVICE = "Write numbers without a sign between the thousands"
 # 1970-01-01: later dates in seconds keep a microsecond.
 _EPOCH = 719163
@@ -80,6 +89,10 @@ class NumberStyle:
         text = _bare(text)
         if (seconds := _seconds(text)) is not None:
             return NumberCell(seconds, unit="s")
+        if (several := self._of_parts(text)) is not None:
+            return several
+        if (fraction := _fraction(text)) is not None:
+            return fraction
         short = _SHORT.fullmatch(text.partition(" ")[0]) if "(" in text else None
         if short is not None and short[1]:
             value = self._float(short[1], "")
@@ -114,6 +127,27 @@ class NumberStyle:
             value, self._float(by_number[1], by_number[2] or ""), unit or (tail[1] or "").strip()
         )
 
+    def _of_parts(self, text: str) -> NumberCell | None:
+        """The sum of parts in smaller and smaller units, such as "6' 3.5\"", in the first one; else None."""
+        total, at, first, last = 0.0, 0, "", math.inf
+        if not text:
+            return None
+        while at < len(text):
+            part = _PART.match(text, at)
+            if part is None or (not at and part.end() == len(text)):
+                return None
+            unit = plain_unit(part[2])
+            quantity = next((of for of in ("time", "position") if is_unit_of(unit, of)), "")
+            number = _fraction(part[1]) or NumberCell(self._float(part[1], ""))
+            if not quantity or (first and not is_unit_of(first, quantity)):
+                return None
+            scale = units.parse(f"1 {unit}", quantity, "unit")
+            if scale >= last:
+                return None
+            first, last, at = first or unit, scale, part.end()
+            total += number.value * scale
+        return NumberCell(total / units.parse(f"1 {first}", quantity, "unit"), unit=first)
+
     def _float(self, mantissa: str, exponent: str) -> float:
         """A number of its parts; NaN where its signs are not of this style."""
         for blank in _BLANKS:
@@ -134,9 +168,22 @@ class NumberStyle:
 
 
 def _bare(text: str) -> str:
-    """A cell without TeX's marks about a number and in it."""
-    text = text.strip().strip("$").strip().replace("{,}", ",")
+    """A cell without TeX's marks about a number and in it, or the type that NumPy prints about it."""
+    text = _OF_NUMPY.sub(r"\1", text).strip().strip("$").strip().replace("{,}", ",")
     return text.replace("\\%", "%").replace("\\,", " ")
+
+
+def _fraction(text: str) -> NumberCell | None:
+    """The number in "47 1/4", "3/8 in" or "47¼"; None for other text."""
+    match = _FRACTION.match(text)
+    if match is None:
+        return None
+    whole, over, under, sign = match.groups()
+    share = unicodedata.numeric(sign) if sign else int(over) / int(under)
+    unit = text[match.end() :].strip()
+    if share >= 1.0 or (unit and not is_unit(unit)):
+        return None
+    return NumberCell(int(whole or 0) + share, unit=unit)
 
 
 def _seconds(text: str) -> float | None:
@@ -227,6 +274,8 @@ def _mantissas(text: str) -> Iterable[str]:
     """The numbers in a cell, without their exponents; none in a clock's time."""
     text = _bare(text)
     if _seconds(text) is not None or not looks_numeric(text):
+        return
+    if _fraction(text) is not None:
         return
     for part in _PLUS_MINUS.split(text):
         number = _NUMBER.match(part.partition("(")[0] if part[:1] != "(" else part[1:])

@@ -9,7 +9,7 @@ import unicodedata
 from contextlib import contextmanager
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hcbench.system.errors import QuantityError, UserError
 from hcbench.terms import units
@@ -44,6 +44,7 @@ DATA_KINDS: dict[frozenset[str], str] = {
     frozenset({"time", "height"}): "track",
     frozenset({"speed_in", "speed_out"}): "speeds",
     frozenset({"height_in", "height_out"}): "rises",
+    frozenset({"height_in", "interval"}): "rises",
     frozenset({"speed", "restitution"}): "pairs",
     frozenset({"speed_in", "restitution"}): "pairs",
     frozenset({"speed", "squared"}): "pairs",
@@ -77,7 +78,9 @@ _UPWARDS = {"vertical", "y", "z"}
 _ROLES: tuple[tuple[str, set[str], set[str]], ...] = (
     ("time", {"time"}, {*_EVENTS, "begin", "number", "sample", "frame"}),
     ("time", {"begin"}, _EVENTS),
-    ("interval", {"interval"}, {"time", *_EVENTS}),
+    ("interval", {"interval"}, {"time", "duration", *_EVENTS}),
+    # That of a touch is its contact.
+    ("interval", {"duration"}, {"time", "bounce"}),
     ("height_in", {"height", "drop"}, {"before", "bounce", *_UPWARDS, "place"}),
     ("height_in", {"height", "before"}, {"bounce", "touch", *_UPWARDS, "place"}),
     ("height_in", {"place", "drop"}, _UPWARDS),
@@ -125,6 +128,7 @@ _BY_QUANTITY = {
 # of numbers may change what the rest means: a time beside a temperature may be a log of something else.
 _BESIDE = {
     "number",
+    "trial",
     "beside",
     "vertical",
     "bounce",
@@ -181,8 +185,8 @@ _SIGNS = {
 }
 _SIGNED = re.compile(r"([a-zA-Z]+)\s*[_^]*\{?\s*([-−–+'′’])\}?")
 _DELTA = re.compile(r"^[δ∆]\s*_?\s*([a-z])\b")
-# Chinese, Japanese and Korean part no words by blanks, or not always.
-_WITHOUT_BLANKS = re.compile(r"[\u3040-\u30ff\u4e00-\u9fff\uac00-\ud7a3]")
+# Thai, Chinese, Japanese and Korean part no words by blanks, or not always.
+_WITHOUT_BLANKS = re.compile(r"[\u0e00-\u0eff\u3040-\u30ff\u4e00-\u9fff\uac00-\ud7a3]")
 # Letters without an accent that could be left out, as people type them elsewhere.
 _PLAIN_LETTERS = str.maketrans({"ø": "oe", "æ": "ae", "œ": "oe", "ł": "l", "đ": "d", "ı": "i"})
 # Vowels with an accent are typed in two letters too: "hoehe" is "höhe", "hoejd" is "höjd".
@@ -202,8 +206,12 @@ _LETTERS = 24
 @cache
 def _table() -> dict[str, Mapping[str, list[str]]]:
     """Words by meaning and language, from `words.toml`."""
-    text = files("hcbench.fitting").joinpath("words.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
+    return _toml("words.toml")
+
+
+def _toml(name: str) -> dict[str, Any]:
+    """A data file of this room."""
+    return tomllib.loads(files("hcbench.fitting").joinpath(name).read_text(encoding="utf-8"))
 
 
 @cache
@@ -236,10 +244,11 @@ def _languages() -> dict[str, frozenset[str]]:
 @cache
 def _unit_words() -> dict[str, str]:
     """Pint's word for each unit, by what people write."""
-    found = {}
-    for unit, words in _table()["unit"].items():
-        for word in words:
-            found[_folded(word)] = unit
+    found: dict[str, str] = {}
+    for table in (_table()["unit"], _toml("unit_words.toml")):
+        for unit, words in table.items():
+            for word in (*words, unit):
+                found.setdefault(_folded(word), unit)
     return found
 
 
@@ -267,11 +276,16 @@ def _words(name: str) -> list[str]:
     delta = _DELTA.match(name)
     if delta is not None and delta[1] != "t":
         name = f"sigma {name[delta.end() - 1 :]}"
-    # "d'impact", "l'urto".
-    name = re.sub(r"\b[dl]['’]", " ", name)
-    name = re.sub(r"[^\w#°№±σδ']+|_", " ", name).replace("'", " ")
+    # "d'impact", "l'urto"; the articles of Arabic and Hebrew are parts of the word.
+    name = re.sub(r"\b[dl]['’]|\b(?:ال|ה)(?=\w{3})", " ", name)
+    name = "".join(letter if _is_of_word(letter) else " " for letter in name)
     name = re.sub(r"(?<=[^\W\d])(?=\d)|(?<=\d)(?=[^\W\d])", " ", name)
     return name.split()
+
+
+def _is_of_word(letter: str) -> bool:
+    """True for letters, digits, the vowels that stand about a letter in Hindi or Thai, and signs."""
+    return letter.isalnum() or letter in "#°№±" or unicodedata.category(letter)[0] == "M"
 
 
 def meanings_of(name: str) -> frozenset[str]:
@@ -446,7 +460,7 @@ def split_header(cell: str) -> tuple[str, str]:
     of_r = _OF_R.fullmatch(cell)
     if of_r is not None:
         cell = f"{of_r[1]} [{of_r[2].replace('.', '/')}]"
-    cell = re.sub(r"\\(?:si|SI|unit)\s*\{([^{}]*)\}", r"[\1]", cell)
+    cell = re.sub(r"\\(?:si|SI|unit)\s*\{([^{}]*)\}", _of_latex, cell)
     cell = (
         re.sub(r"\\(?:mathrm|text|rm|textrm)\b\s*|\\[,;: ]|\$", "", cell).replace("\\", " ").strip()
     )
@@ -467,6 +481,11 @@ def split_header(cell: str) -> tuple[str, str]:
             unit = ""
         return _with_unit(re.sub(r"[\[\](){}]", " ", outside), unit)
     return _with_unit(cell.lower(), "")
+
+
+def _of_latex(macro: re.Match[str]) -> str:
+    """A unit of LaTeX's siunitx in brackets: "[m/s]" of "\\si{\\metre\\per\\second}"."""
+    return f"[{macro[1].replace(chr(92) + 'per', '/').replace(chr(92), '').replace(' ', '')}]"
 
 
 def _adds_to_name(outside: str, inside: str) -> bool:
@@ -584,7 +603,7 @@ def _read_as(header: Sequence[tuple[str, str]]) -> str:
                 meaning += f" in {unit}" if unit else " without a unit"
         elif role or is_beside(name):
             meaning = "a number of rows"
-            if not role and "number" not in meanings_of(name):
+            if not role and not meanings_of(name) & {"number", "trial"}:
                 meaning = "no data"
         shown.append(f"{cell!r} as {meaning}")
     if len(header) > _MOST_SHOWN:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -37,6 +36,8 @@ if TYPE_CHECKING:
 
 # Two columns of one quantity are the same where they differ by no more than this share: rounding.
 _SAME = 2e-3
+# Roles that a sentence calls by other words.
+_CALLED = {"time": "time of each touch", "interval": "time between touches"}
 # Kinds of one column: any other column of numbers may change what it means.
 _ALONE = ("times", "heights")
 
@@ -130,7 +131,7 @@ def columns_of(table: Table, asked: str | None = None) -> DataColumns:
             unknown.append(i)
     _leave_counters(table, roles)
     table = _with_lone_uncertainty(table, roles, unknown)
-    assumed = _taken_by_numbers(table, roles, unknown)
+    assumed = _taken_by_numbers(table, roles, unknown, asked)
     _part_numbered(table, roles)
     _part_by_others(table, roles)
     places: dict[str, int] = {}
@@ -146,8 +147,20 @@ def columns_of(table: Table, asked: str | None = None) -> DataColumns:
         raise UserError(table.name, "a column without a name", EXPECTED_COLUMNS, advice)
     if unknown and is_doubtful:
         got = f"a column {table.header[unknown[0]][0]!r}"
-        raise UserError(table.name, got, EXPECTED_COLUMNS, "Leave other columns out")
+        raise UserError(table.name, got, EXPECTED_COLUMNS, _advice(table, roles, unknown))
     return columns
+
+
+def _advice(table: Table, roles: dict[str, list[int]], unknown: list[int]) -> str:
+    """Advice on columns with unknown names: the kind to ask for, where one of them may be the data."""
+    for kind, quantity, meaning in (
+        ("times", "time", "the times of touches or the times between them"),
+        ("heights", "position", "the heights of one bounce after the other"),
+    ):
+        alone = [i for i in unknown if is_unit_of(table.unit_of(i, quantity), quantity)]
+        if len(alone) == 1 and not QUANTITY_OF.keys() & roles.keys():
+            return f"Say --as {kind} if {table.header[alone[0]][0]!r} has {meaning}"
+    return "Leave other columns out"
 
 
 def kind_of(roles: frozenset[str]) -> str | None:
@@ -155,26 +168,21 @@ def kind_of(roles: frozenset[str]) -> str | None:
     return next((kind for needed, kind in DATA_KINDS.items() if needed <= roles), None)
 
 
-# Words for a measurement that is made again, and no bounce after the one before.
-_REPEATED = re.compile(
-    r"\b(?:trial|test|attempt|measurement|versuch|messung|essai|mesure|ensaio|ensayo|prueba|prova)s?\b"
-)
-
-
-def require_each_bounce(columns: DataColumns) -> None:
-    """Raise UserError where a column beside successive bounces leaves some of their numbers out, or
-    numbers measurements that were made again.
-    """
-    for name, unsorted in _numbers_of_rows(columns):
-        numbers = np.sort(unsorted)
-        if _REPEATED.search(name) and len(numbers) > 1:
+def require_one_drop(columns: DataColumns) -> None:
+    """Raise UserError where a column beside bounces numbers the drops, or measurements made again."""
+    again = {"trial", "drop"} if "time" in columns.roles else {"trial", "drop", "sample"}
+    for name, numbers in _numbers_of_rows(columns):
+        if meanings_of(name) & again and len(numbers) > 1:
             got = f"a row for each {name!r}"
             raise UserError(columns.table.name, got, "successive bounces of one drop")
-        missing = np.flatnonzero(np.diff(numbers) > 1.0)
-        if numbers_bounces(name) and missing.size:
-            before, after = (int(numbers[k]) for k in (missing[0], missing[0] + 1))
-            got = f"{name!r} {before}, then {after}"
-            raise UserError(columns.table.name, got, "each bounce, one after the other")
+
+
+def bounce_numbers(columns: DataColumns) -> Indices:
+    """Number of the bounce or touch of each row, from 0: by a column that numbers them, or by the rows."""
+    for name, numbers in _numbers_of_rows(columns):
+        if numbers_bounces(name):
+            return np.asarray(numbers - numbers.min(), dtype=int)
+    return np.arange(len(columns.table.cells))
 
 
 def row_order(columns: DataColumns) -> Indices | None:
@@ -191,7 +199,8 @@ def _numbers_of_rows(columns: DataColumns) -> Iterator[tuple[str, Floats]]:
     """(name, numbers) of each column beside the data that gives each row a whole number of its own."""
     table = columns.table
     for at, (name, unit) in enumerate(table.header):
-        if unit or at in columns.places.values():
+        is_data = at in {columns.places[role] for role in columns.roles & columns.places.keys()}
+        if unit or is_data:
             continue
         numbers = table.numbers(at)
         is_whole = bool(np.isfinite(numbers).all()) and np.array_equal(numbers, np.round(numbers))
@@ -217,16 +226,19 @@ def _counts_rows(table: Table, at: int) -> bool:
 
 
 def _leave_counters(table: Table, roles: dict[str, list[int]]) -> None:
-    """Leave out columns such as "interval" that count the rows and lack the unit that others have."""
-    with_unit = [
+    """Leave out columns such as "interval" that count the rows, beside others that have a unit or do
+    not count.
+    """
+    of_data = [
         i
         for role, at in roles.items()
         for i in at
-        if role in QUANTITY_OF and table.unit_of(i, QUANTITY_OF[role])
+        if role in QUANTITY_OF
+        and (table.unit_of(i, QUANTITY_OF[role]) or not counts(table.texts(i)))
     ]
-    for role in [role for role in roles if role in QUANTITY_OF and with_unit]:
+    for role in [role for role in roles if role in QUANTITY_OF and of_data]:
         at = roles[role]
-        roles[role] = [i for i in at if i in with_unit or not counts(table.texts(i))]
+        roles[role] = [i for i in at if i in of_data]
         if not roles[role]:
             del roles[role]
 
@@ -246,30 +258,42 @@ def _with_lone_uncertainty(table: Table, roles: dict[str, list[int]], unknown: l
     return replace(table, header=tuple(header))
 
 
-def _taken_by_numbers(table: Table, roles: dict[str, list[int]], unknown: list[int]) -> str:
-    """Give roles to columns with unknown names where their units, and the numbers in them, leave no
-    choice, and return a sentence of it: the only force, or the only place that falls with g.
+def _taken_by_numbers(
+    table: Table, roles: dict[str, list[int]], unknown: list[int], asked: str | None
+) -> str:
+    """Give roles to columns with unknown names where the kind that is asked for, or their units and
+    numbers, leave no choice, and return a sentence of it: the only force, the only place that falls
+    with g, or the only column of times of touches.
     """
 
     def of_unit(quantity: str) -> list[int]:
         return [i for i in unknown if is_unit_of(table.unit_of(i, quantity), quantity)]
 
+    def taken(role: str, at: int, why: str) -> str:
+        roles[role] = [at]
+        unknown[:] = [i for i in unknown if i != at]
+        return f"{table.header[at][0]!r} read as the {_CALLED.get(role, role)}: {why}"
+
+    if not QUANTITY_OF.keys() & roles.keys():
+        for kind, quantity in (("times", "time"), ("heights", "position")):
+            alone = of_unit(quantity)
+            if asked == kind and len(alone) == 1:
+                falls = bool((np.diff(table.numbers(alone[0])) < 0).all())
+                role = "height" if kind == "heights" else "interval" if falls else "time"
+                return taken(role, alone[0], f"--as {kind} says so")
     times = roles.get("time", []) or of_unit("time")
     forces = of_unit("force")
     if "time" in roles and not {"force", "height"} & roles.keys() and len(forces) == 1:
-        roles["force"] = forces
-        unknown.remove(forces[0])
-        return f"{table.header[forces[0]][0]!r} read as the force: no other column is in its unit"
-    if len(times) != 1 or {"height", "force"} & roles.keys():
+        return taken("force", forces[0], "no other column is in its unit")
+    if len(times) != 1 or {"height", "force"} & roles.keys() or not table.unit_of(times[0], "time"):
         return ""
     t = table.in_unit(times[0], "time")
     falling = [i for i in of_unit("position") if falls_with_g(t, table.in_unit(i, "position"))]
     if len(falling) != 1:
         return ""
-    roles |= {"time": times, "height": falling}
-    for i in {*times, *falling} & {*unknown}:
-        unknown.remove(i)
-    return f"{table.header[falling[0]][0]!r} read as the height, as it falls with g"
+    if "time" not in roles:
+        taken("time", times[0], "")
+    return taken("height", falling[0], "it falls with g")
 
 
 def _part_numbered(table: Table, roles: dict[str, list[int]]) -> None:

@@ -184,12 +184,16 @@ def _law_step(
     reduced, noise: of each data set, its model and s_m. scatter: s_e.
     room: (q,), how far each parameter may rise; one that would rise further stays there, and the
     others are solved again.
+    Raises FloatingPointError for a model that is not finite.
     """
     q = reduced[0].law
     total = sum(
         one.profile(np.array(scatter), np.array(n))[0][: q + 1, : q + 1]
         for one, n in zip(reduced, noise, strict=True)
     )
+    if not np.isfinite(np.asarray(total)).all():
+        # LAPACK would print a remark, among the lines of --json.
+        raise FloatingPointError("the step of the law is not finite")
     hessian = np.asarray(total)[:q, :q]
     slope = np.asarray(total)[:q, q]
     move = np.linalg.lstsq(hessian, slope, rcond=1e-12)[0]

@@ -54,6 +54,9 @@ if TYPE_CHECKING:
 _SHOWN = 4
 # Largest scatter of e of one ball's bounces in a row; single impacts of other bodies scatter more.
 _MOST_OF_A_TRAIN = 0.05
+# The fastest impact of a bouncing ball, m/s: falls of 0.5 mm to 20 m; and of impacts one by one.
+_USUAL = (0.1, 20.0)
+_USUAL_ALONE = (1e-3, 200.0)
 # Why a law is not chosen where the air of a light ball does as well.
 _OR_AIR = "the law, or a constant e in the air of a light ball: give --mass and --diameter"
 # The data cannot be right if the posterior has this share at e > 1.
@@ -215,7 +218,9 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     if all(s.reservation for s in sets):
         reservation = sets[0].reservation
     air = AirRivals()
-    if chosen_law(evidence) in FAMILY:
+    left = laws_left(evidence)
+    if "constant" not in left and not left.isdisjoint(FAMILY):
+        # Where other laws are left too, α is still printed.
         air = rivals_in_air(sets, whole.fits, whole.widths)
     if air.constant is not None:
         reservation = _OR_AIR
@@ -547,6 +552,15 @@ def _odd_one(name: str, off: float) -> str:
     )
 
 
+def _implausible(s: Dataset) -> str:
+    """A sentence on speeds that balls seldom have, as of ms that are written for s; "" for none."""
+    fastest = float(s.pairs()[0].max())
+    slow, fast = _USUAL if s.needs_gravity else _USUAL_ALONE
+    if slow <= fastest <= fast:
+        return ""
+    return f"{s.name}: its fastest impact is at {fastest:.2g} m/s: look at the units of the file"
+
+
 def _warnings(whole: _Fitted, each: Sequence[_Fitted]) -> list[str]:
     """Warnings of impacts that count little, of files left out, and of a scatter beyond what is
     tried.
@@ -554,6 +568,7 @@ def _warnings(whole: _Fitted, each: Sequence[_Fitted]) -> list[str]:
     whole: all files together. each: the files by themselves.
     """
     warnings = [f"{s.name}: {s.assumed}" for s in whole.sets if s.assumed]
+    warnings += filter(None, map(_implausible, whole.sets))
     for one in each:
         if one.impacts:
             shown = ", ".join(one.impacts[:_SHOWN])

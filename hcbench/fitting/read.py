@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.assumed import named, with_units
+from hcbench.fitting.assumed import is_train, named, with_units
 from hcbench.fitting.column_names import (
     DATA_KINDS,
     EXPECTED_COLUMNS,
@@ -18,14 +18,23 @@ from hcbench.fitting.column_names import (
     meanings_of,
     role_of,
 )
-from hcbench.fitting.columns import DataColumns, columns_of, kind_of, require_each_bounce, row_order
+from hcbench.fitting.columns import (
+    DataColumns,
+    bounce_numbers,
+    columns_of,
+    kind_of,
+    require_one_drop,
+    row_order,
+)
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.force import fit_loop, fit_pulse
 from hcbench.fitting.heights import Heights, SpeedPairs
 from hcbench.fitting.listening import listen, quick_score
+from hcbench.fitting.numbers_in_text import rows_in_text
 from hcbench.fitting.recording import is_sound, read_recording
 from hcbench.fitting.sheets import read_sheets
-from hcbench.fitting.table import Table, cell_of, computed, tables_of, unit_scale
+from hcbench.fitting.table import Table, cell_of, computed, unit_scale
+from hcbench.fitting.tables import tables_of
 from hcbench.fitting.track import track_of, upright
 from hcbench.system.errors import UserError
 from hcbench.system.text import sanitized
@@ -37,8 +46,9 @@ if TYPE_CHECKING:
 
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.force import ForceFit
-    from hcbench.fitting.recording import Picks
+    from hcbench.fitting.recording import Indices, Picks
     from hcbench.fitting.setup import MeasurementSetup
+    from hcbench.fitting.sheets import Sheet
     from hcbench.terms.impact import Floats
 
 
@@ -70,6 +80,14 @@ _OF_NOISE = 0.02
 _OF_E = 0.05
 # Speeds that differ by less than this share are one speed.
 _ONE_SPEED = 1e-6
+# Flights that are all shorter, s, are those of no ball one sees: contacts, or another unit.
+_SHORTEST = 10e-3
+# Roles that leave a column of times to mean something else than touches.
+_OF_SOMETHING_ELSE = frozenset({"height_in", "speed", "speed_in", "speed_out"})
+# Bounces in a row that may be missing from a table: numbers with wider gaps count something else.
+_MOST_UNSEEN = 3
+# Bounces not seen that a sentence names.
+_MOST_SHOWN = 6
 # Letters of the trains in a recording, the likeliest first.
 _TRAINS = "ABCDEF"
 
@@ -106,9 +124,26 @@ def read_datasets(
         if part.train is not None:
             slot = "--touches"
         raise UserError(slot, f"given for {path.name}, which is not a recording", "a .wav")
+    sheets = read_sheets(path)
+    found, refused = _read(sheets, setup, kind)
+    if not found:
+        # No table: the numbers may stand between words.
+        in_text = [replace(sheet, rows=rows_in_text(sheet.text)) for sheet in sheets]
+        found, refused_too = _read(in_text, setup, kind)
+        if not found:
+            raise _worst([*refused, *refused_too])
+        refused = refused_too
+    _require_all_read(found, refused)
+    return _different([data for _, data in found])
+
+
+def _read(
+    sheets: list[Sheet], setup: MeasurementSetup, kind: str | None
+) -> tuple[list[tuple[DataColumns, Dataset]], list[tuple[Table | None, UserError]]]:
+    """The data sets in sheets with their columns, and the tables that are refused with the errors."""
     found: list[tuple[DataColumns, Dataset]] = []
     refused: list[tuple[Table | None, UserError]] = []
-    for table, error in _tables(path):
+    for table, error in _tables(sheets):
         if table is None:
             refused.append((None, error))
             continue
@@ -121,21 +156,17 @@ def read_datasets(
                 found.append((columns, _READERS[of_kind](columns, setup)))
         except UserError as error:
             refused.append((table, error))
-    if not found:
-        raise _worst(refused)
-    _require_all_read(found, refused)
-    return _different([data for _, data in found])
+    return found, refused
 
 
-def _tables(path: Path) -> Iterator[tuple[Table | None, UserError]]:
-    """The tables of a file; None with the error for a sheet that has none."""
-    none = UserError(path.name, "no table", "one")
-    for sheet in read_sheets(path):
+def _tables(sheets: list[Sheet]) -> Iterator[tuple[Table | None, UserError]]:
+    """The tables of sheets; None with the error for a sheet that has none."""
+    for sheet in sheets:
         if not sheet.rows:
             continue
         try:
             for table in tables_of(sheet):
-                yield table, none
+                yield table, UserError(sheet.name, "no table", "one")
         except UserError as error:
             yield None, error
 
@@ -227,6 +258,11 @@ def _kind_of(columns: DataColumns, asked: str | None) -> str:
             raise UserError(name, "frames without their rate", expected)
         names = ", ".join(text for text, _ in columns.table.header if text)
         raise UserError(name, f"columns {names}", EXPECTED_COLUMNS)
+    other = sorted(roles & _OF_SOMETHING_ELSE)
+    if kind == "times" and other and asked is None:
+        got = f"times beside a {other[0].replace('_in', ' before').replace('_out', ' after')}"
+        advice = "Leave the other column out if the times are those of touches"
+        raise UserError(name, got, EXPECTED_COLUMNS, advice)
     needed = [of for of, of_kind in DATA_KINDS.items() if of_kind == kind]
     if not any(of <= roles for of in needed):
         missing = ", ".join(sorted(needed[0] - roles))
@@ -268,7 +304,7 @@ def _complete(columns: DataColumns, kind: str) -> DataColumns:
         kept = np.arange(kept[0], kept[-1] + 1)
     columns = columns.taken(kept.tolist())
     if kind in ("times", "heights"):
-        require_each_bounce(columns)
+        require_one_drop(columns)
     order = row_order(columns)
     if order is not None and kind in ("times", "heights"):
         return columns.taken(order.tolist())
@@ -303,7 +339,7 @@ def _force_columns(path: Path, kind: str | None) -> tuple[DataColumns, str] | No
     """
     if kind not in (None, "force", "loop") or is_sound(path):
         return None
-    for table, _ in _tables(path):
+    for table, _ in _tables(read_sheets(path)):
         if table is None or not any(
             role_of(*name) == "force" or is_unit_of(name[1], "force") for name in table.header
         ):
@@ -387,11 +423,17 @@ def _times(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     """
     name = columns.table.name
     if "interval" in columns.places and "time" not in columns.roles:
+        if (np.diff(bounce_numbers(columns)) > 1).any():
+            raise UserError(name, "flights are left out", "each flight, one after the other")
         intervals = columns.get("interval")
         if len(intervals) > 1 and intervals[-1] == 0:
             # The last touch has no interval after it.
             intervals = intervals[:-1]
         columns.require("interval", intervals > 0, "above 0")
+        if len(intervals) > 2 and (np.diff(intervals) > 0).all():
+            raise UserError(
+                name, "flights that last longer and longer", "each shorter, as of a ball"
+            )
         return _touch_times(
             name, setup, np.concatenate([[0.0], np.cumsum(intervals)]), columns.assumed
         )
@@ -400,17 +442,54 @@ def _times(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
         counted = columns.get("time")
         columns.require("frame", np.concatenate([[True], np.diff(counted) > 0]), "frames that rise")
         return _touch_times(name, setup, counted, columns.assumed)
-    numbers = np.flatnonzero(columns.table.is_given(columns.places["time"]))
-    seen = columns.taken(numbers.tolist())
+    seen, numbers = _seen(columns, "time")
+    seen = _in_turn(seen)
     times = seen.get("time")
     seen.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
-    data = _touch_times(name, setup, times, columns.assumed)
-    unseen = np.delete(np.array(columns.table.lines), numbers)
-    if not len(unseen):
-        return data
-    lines = f"line{'s' * (len(unseen) > 1)} {', '.join(map(str, unseen))}"
-    said = f"no time in {lines}: read as a touch that was not seen, as if each row were a touch"
-    return replace(data, numbers=numbers, assumed="; ".join(filter(None, (columns.assumed, said))))
+    return replace(_touch_times(name, setup, times, seen.assumed), numbers=numbers)
+
+
+def _seen(columns: DataColumns, role: str) -> tuple[DataColumns, Indices | None]:
+    """The rows of bounces that have a reading, and which bounce each is, None where all are seen: a
+    row without a reading, and a number that is left out, are one that was not seen.
+    """
+    given = np.flatnonzero(columns.table.is_given(columns.places[role]))
+    numbers = bounce_numbers(columns)[given]
+    seen = columns.taken(given.tolist())
+    missing = sorted(set(range(numbers[0], numbers[-1])) - set(numbers.tolist()))
+    if not missing:
+        return seen, None
+    if np.diff(numbers).max() > _MOST_UNSEEN + 1:
+        got = f"numbers of bounces that leave out {np.diff(numbers).max() - 1}"
+        raise UserError(
+            columns.table.name, got, f"at most {_MOST_UNSEEN} bounces not seen in a row"
+        )
+    event = "touch" if role == "time" else "bounce"
+    shown = ", ".join(str(i + 1) for i in missing[:_MOST_SHOWN])
+    said = f"no {role} of {event} {shown}, counted from 1: read as not seen"
+    return _assuming(seen, said), numbers - numbers[0]
+
+
+def _assuming(columns: DataColumns, said: str) -> DataColumns:
+    """The columns with one more sentence of what is assumed."""
+    return replace(columns, assumed="; ".join(filter(None, (columns.assumed, said))))
+
+
+def _in_turn(columns: DataColumns) -> DataColumns:
+    """Rows with the times of two touches that stand in each other's place exchanged, if that alone
+    makes times rise.
+    """
+    times = columns.table.numbers(columns.places["time"])
+    wrong = np.flatnonzero(np.diff(times) <= 0)
+    if len(wrong) != 1:
+        return columns
+    order = np.arange(len(times))
+    order[[wrong[0], wrong[0] + 1]] = order[[wrong[0] + 1, wrong[0]]]
+    if not is_train(times[order]):
+        return columns
+    shown = " and ".join(f"{times[i]:g}" for i in wrong[0] + np.arange(2))
+    said = f"times {shown} do not rise: read as exchanged"
+    return _assuming(columns.taken(order.tolist()), said)
 
 
 def _touch_times(
@@ -424,6 +503,9 @@ def _touch_times(
     if len(times) < setup.least_touches:
         raise too_few_touches(name, len(times), setup.least_touches)
     _require_few(name, len(times), "times")
+    if len(times) > 1 and np.diff(times).max() < _SHORTEST:
+        got = f"flights of at most {np.diff(times).max():.2g} s"
+        raise UserError(name, got, "those of a bouncing ball", "Look at the unit")
     if setup.contact_time.value >= np.diff(times).min():
         got = f"{setup.contact_time.value:g} s, and two touches {np.diff(times).min():.3g} s apart"
         raise UserError("contact-time", got, "less than from one touch to the next")
@@ -459,6 +541,7 @@ def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     A first row that is the drop height itself is left out. Raises UserError for heights that do not
     fall, too few or too many of them, and a first bounce above the drop.
     """
+    columns, numbers = _seen(columns, "height")
     heights = columns.get("height")
     columns.require("height", heights > 0, "above 0: the bottom of the ball above the plate")
     require_bounds(f"{columns.table.name}: height", heights.tolist(), "length", "m")
@@ -469,6 +552,7 @@ def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     ):
         # The first row is the height of the drop itself: it comes before the first bounce.
         heights = heights[1:]
+        numbers = None if numbers is None else numbers[1:] - 1
     _require_falling(columns, _rounding(columns, setup))
     _require_few(columns.table.name, len(heights), "heights")
     given = columns.uncertainty("height")
@@ -483,7 +567,7 @@ def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     height_noise = None
     if given.any():
         height_noise = float(given.mean())
-    return Heights(columns.table.name, setup, heights, height_noise, columns.assumed)
+    return Heights(columns.table.name, setup, heights, height_noise, columns.assumed, numbers)
 
 
 def _rounding(columns: DataColumns, setup: MeasurementSetup) -> float:
@@ -588,14 +672,16 @@ def _rises(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     Raises UserError for heights of 0 and below, and a rebound above its drop.
     """
     before = columns.get("height_in")
-    after = columns.get("height_out")
-    name, _ = columns.table.header[columns.places["height_out"]]
+    columns.require("height_in", before > 0, "above 0")
+    role = "height_out" if "height_out" in columns.places else "interval"
+    after = columns.get(role)
+    if role == "interval":
+        # A flight of the time T rises to g T²/8.
+        after = setup.ballistics.gravity * after**2 / 8.0
+    name, _ = columns.table.header[columns.places[role]]
     if any(int(number) > 1 for number in re.findall(r"\d+", name)):
         raise UserError(columns.table.name, f"{name!r}", "the height of the first rebound")
-    columns.require("height_in", before > 0, "above 0")
-    columns.require(
-        "height_out", (after >= 0) & (after <= before), "from 0 to the height of the drop"
-    )
+    columns.require(role, (after >= 0) & (after <= before), "a rebound below the drop")
     v_in = np.array([setup.ballistics.dropped(h)[0] for h in before])
     v_out = np.sqrt(2.0 * setup.ballistics.gravity * after)
     _require_e(columns, v_out / v_in)

@@ -303,3 +303,32 @@ def _with_units(cells: list[str]) -> list[str]:
         else:
             joined.append(cell)
     return joined
+
+
+# "@attribute time_ms numeric", "Column 2: height (m)".
+_OF_LIST = re.compile(
+    r"^[@#%\s]*(?:attribute|columns?|col|field|variable|channel|spalte|colonne|columna)?\s*\d*\s*[:=.)-]?\s*"
+    r"|\s+(?:numeric|real|integer|int|float|double|text|string)\b.*",
+    re.IGNORECASE,
+)
+
+
+def listed_names(lines: Sequence[str], count: int) -> tuple[str, ...]:
+    """Names of `count` columns that stand in brackets in one of the lines, as in SQL, or below one
+    another in the last ones, as in ARFF; () where none of them is known.
+    """
+    ways = [
+        [(part.split() or [""])[0] for part in inside.split(",")]
+        for line in lines
+        for inside in re.findall(r"\(([^()]*,[^()]*)\)", line)
+    ]
+    below = [line for line in lines if not line.strip().lower().startswith(("@data", "@relation"))]
+    ways.append([_OF_LIST.sub("", line).strip() for line in below[-count:]])
+    # "rate = 240" has a value: it names nothing.
+    known = [
+        way
+        for way in ways
+        if len(way) == count > 1
+        and all(_is_known(one) and not set(one) & {"=", ":"} for one in way)
+    ]
+    return tuple(known[-1]) if known else ()

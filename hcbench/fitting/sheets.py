@@ -1,19 +1,20 @@
-"""Files as sheets of cells: text in any encoding, workbooks, zip archives, JSON and XML of labels."""
+"""Files as sheets of cells: text in any encoding, workbooks, zip archives and JSON."""
 
 from __future__ import annotations
 
 import io
 import math
 import re
+import unicodedata
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html.parser import HTMLParser
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
-from xml.etree import ElementTree
 
 from hcbench.fitting.column_names import explained, is_short_latin, is_word_of_header
+from hcbench.fitting.numbers_in_text import rows_in_text
 from hcbench.fitting.separators import Row, rows_of
 from hcbench.system.errors import UserError
 from hcbench.system.files import is_file, parse_json, read_bytes, require_small_archive
@@ -32,8 +33,8 @@ _PLACE = re.compile(rb'<(?:\w+:)?c\b[^>]*?\br="([A-Z]{1,3})(\d{1,7})"')
 _ZEROS = 0.3
 _OLD_WORKBOOK = b"\xd0\xcf\x11\xe0"
 _ARCHIVE = b"PK\3\4"
-# The first line of a record in YAML: "- time: 0.32".
-_YAML_RECORD = re.compile(r"(?m)^( *)- (?=[^\s:][^:\n]*:\s)")
+# Lines of records, as in YAML and of `rostopic echo`: "  - time: 0.32", "---".
+_NAMED = re.compile(r"\s*(?:- )?[^\W\d][\w ./]*:(?:\s|$)|---\s*$|#")
 # Encodings of text that is not in UTF: the first is taken where no word tells.
 _ENCODINGS = (
     "cp1252",
@@ -41,6 +42,11 @@ _ENCODINGS = (
     "cp1251",
     "cp1253",
     "cp1254",
+    "cp1255",
+    "cp1256",
+    "cp1257",
+    "cp1258",
+    "cp874",
     "cp932",
     "euc_jp",
     "gb18030",
@@ -51,6 +57,10 @@ _ENCODINGS = (
     "cp852",
     "cp850",
     "mac_roman",
+)
+# Arabic signs of decimals, of thousands and between cells; marks of the direction of writing.
+_SIGNS_OF_NUMBERS = {0x66B: ".", 0x66C: "'", 0x61B: ";", 0x60C: ","} | dict.fromkeys(
+    [0x61C, 0x200E, 0x200F, *range(0x202A, 0x202F), *range(0x2066, 0x206A)]
 )
 # Lines from the first on that have the names of columns.
 _HEADER_LINES = 60
@@ -64,10 +74,12 @@ class Sheet:
 
     name: what errors call it: the file, and the sheet or the member where there are several.
     rows: number of each in the file, and its cells as text.
+    text: of the file; "" for a sheet of a workbook.
     """
 
     name: str
     rows: tuple[Row, ...]
+    text: str = ""
 
 
 def read_sheets(path: Path) -> list[Sheet]:
@@ -105,7 +117,7 @@ def _sheets(name: str, content: bytes, is_on_disk: bool) -> list[Sheet]:
     if content.startswith(_ARCHIVE):
         return _of_archive(name, content)
     try:
-        text = decoded(content)
+        text = with_plain_digits(decoded(content))
     except UnicodeDecodeError:
         expected = "text in columns, a workbook, or .wav"
         # A recording is read in parts, which no pipe gives.
@@ -142,6 +154,17 @@ def decoded(raw: bytes) -> str:
         return max((raw.decode(one, errors="replace") for one in _ENCODINGS), key=_known_letters)
 
 
+def with_plain_digits(text: str) -> str:
+    """Text with the digits 0 to 9, and points between them, in place of those of other scripts, and
+    without the marks of the direction of writing.
+    """
+    if text.isascii():
+        return text
+    table = {ord(one): unicodedata.digit(one) for one in set(text) if one.isdecimal()}
+    signs = {at: str(digit) for at, digit in table.items()}
+    return text.translate(signs | _SIGNS_OF_NUMBERS)
+
+
 def _known_letters(text: str) -> tuple[int, int]:
     """Number of letters in words beyond ASCII that names of columns and units have, which a wrong
     encoding lacks: in words that tell, and in short Latin ones, which may come by chance.
@@ -162,18 +185,14 @@ def _of_text(name: str, text: str) -> Sheet:
             records = _of_json_lines(text)
             if records:
                 return _of_json(name, records)
-    if begin == "<" and "<point" in text:
-        return _of_labels(name, text)
     if re.search(r"<t[dh]\b", text, re.IGNORECASE):
         page = _HtmlTable()
         page.feed(text)
         return Sheet(name, tuple(enumerate(map(tuple, page.rows), 1)))
-    if re.match(r"[\w/]+:\s*$", text.lstrip().partition("\n")[0]) and "\n---" in text:
-        return _of_messages(name, text)
-    if len(_YAML_RECORD.findall(text)) > 1:
-        return _of_messages(name, _YAML_RECORD.sub(r"---\n\1  ", text))
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
-    return Sheet(name, rows_of(name, lines))
+    if all(_NAMED.match(line) for _, line in lines) and (rows := rows_in_text(text)):
+        return Sheet(name, rows, text)
+    return Sheet(name, rows_of(name, lines), text)
 
 
 def _of_json_lines(text: str) -> list[Any]:
@@ -283,8 +302,8 @@ def _text(value: Any) -> str:
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return ""
     if isinstance(value, float):
-        return repr(value)
-    return str(value)
+        return repr(float(value))
+    return with_plain_digits(str(value))
 
 
 def _texts(values: Sequence[Any]) -> tuple[str, ...]:
@@ -315,56 +334,6 @@ class _HtmlTable(HTMLParser):
         """Add text to a cell."""
         if self._is_in_cell and self.rows and self.rows[-1]:
             self.rows[-1][-1] = f"{self.rows[-1][-1]} {data.strip()}".strip()
-
-
-def _of_labels(name: str, text: str) -> Sheet:
-    """Instants of an .svl file of Sonic Visualiser, s: it has them in samples.
-
-    Raises UserError for another kind of XML.
-    """
-    try:
-        root = ElementTree.fromstring(text)
-        rate = float(next(model.attrib["sampleRate"] for model in root.iter("model")))
-        points = [int(point.attrib["frame"]) / rate for point in root.iter("point")]
-    except (ElementTree.ParseError, StopIteration, KeyError, ValueError, ZeroDivisionError):
-        raise UserError(name, "XML without instants", "a layer of Sonic Visualiser, .svl") from None
-    rows = [(f"{seconds:.9f}",) for seconds in points]
-    return Sheet(name, tuple(enumerate([("time [s]",), *rows], 1)))
-
-
-def _of_messages(name: str, text: str) -> Sheet:
-    """Messages of `rostopic echo` or `ros2 topic echo`, or records of YAML: names with blanks before
-    them for their depth, and "---" between messages.
-    """
-    records: list[dict[str, str]] = []
-    for message in re.split(r"(?m)^---\s*$", text):
-        record: dict[str, str] = {}
-        depths: list[tuple[int, str]] = []
-        for line in message.splitlines():
-            match = re.match(r"(\s*)([^\s:][^:]*):(?:\s+(.*))?$", line)
-            if match is None:
-                continue
-            while depths and depths[-1][0] >= len(match[1]):
-                depths.pop()
-            depths.append((len(match[1]), match[2]))
-            if (match[3] or "").strip():
-                record[".".join(part for _, part in depths)] = match[3].strip().strip("'\"")
-        _join_stamp(record)
-        if record:
-            records.append(record)
-    about = records[:1] if len(records) > 1 and not records[0].keys() & records[1].keys() else []
-    sheet = _of_json(name, records[len(about) :])
-    return Sheet(name, (*((0, pair) for one in about for pair in one.items()), *sheet.rows))
-
-
-def _join_stamp(record: dict[str, str]) -> None:
-    """Replace the seconds and nanoseconds of a stamp by its time in s, with all its digits."""
-    for whole, part in (("secs", "nsecs"), ("sec", "nanosec")):
-        for key in [key for key in record if key.rpartition(".")[2] == whole]:
-            before = key.rpartition(".")[0]
-            other = f"{before}.{part}"
-            if other in record and record[key].isdigit() and record[other].isdigit():
-                record[f"{before} [s]"] = f"{record.pop(key)}.{int(record.pop(other)):09d}"
 
 
 def _of_workbook(name: str, content: bytes) -> list[Sheet]:
@@ -451,10 +420,10 @@ def _of_archive(name: str, content: bytes) -> list[Sheet]:
             ]
             if not kept:
                 raise UserError(name, "a zip archive without tables", expected)
-            sheets = []
-            for one in kept:
-                sheets += [_of_text(f"{name}, {sanitized(one)}", decoded(archive.read(one)))]
-            return sheets
+            return [
+                _of_text(f"{name}, {sanitized(one)}", with_plain_digits(decoded(archive.read(one))))
+                for one in kept
+            ]
     except UserError:
         raise
     except (

@@ -1,32 +1,17 @@
-"""Tables in a sheet: which rows are the header, where the numbers begin, and the lines before it."""
+"""Tables: names, units, and cells of text that are read as numbers in SI."""
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.cells import NumberStyle, is_missing, looks_numeric, style_of
-from hcbench.fitting.column_names import (
-    NO_UNIT,
-    QUANTITIES_OF_COLUMNS,
-    QUANTITY_OF,
-    explained,
-    is_unit,
-    is_unit_of,
-    meanings_of,
-    numbers_bounces,
-    of_file,
-    plain_unit,
-    role_of,
-    split_header,
-)
-from hcbench.fitting.separators import counts
+from hcbench.fitting.cells import NumberStyle, is_missing
+from hcbench.fitting.column_names import NO_UNIT, plain_unit
 from hcbench.system.errors import QuantityError, UserError
 from hcbench.terms import units
 from hcbench.terms.bounds import beyond_bounds, require_bounds
@@ -35,8 +20,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from hcbench.fitting.cells import NumberCell
-    from hcbench.fitting.separators import Row
-    from hcbench.fitting.sheets import Sheet
     from hcbench.terms.impact import Floats
 
 # Smallest measured value of bounces, SI; its inverse is the largest.
@@ -48,10 +31,6 @@ _OF_A_DATE = 1e6
 # Seconds since 1970 in the years 2001 and 2096.
 _EARLIEST = 1e9
 _LATEST = 4e9
-# Rows above the numbers that may have names or units.
-_MOST_HEADER_ROWS = 6
-# Rows after which another header begins another table.
-_LEAST_ROWS = 2
 # A name that computes with its quantity: "2t", "100 h", "1 - e"; "t/2", "h / 10^-2"; "h + 6"; "e^3".
 _COMPUTES = re.compile(
     r"\d+(?:[.,]\d+)?\s*[×x*·/−–-]?\s*(?!(?:st|nd|rd|th|er|re|te|ter|o|a)\b)[^\W\d_].*"
@@ -59,28 +38,7 @@ _COMPUTES = re.compile(
     r"|.*(?:\s[-−–]\s*|\+\s*)\d+(?:[.,]\d+)?"
     r"|.*\^\s*(?!2\b)\d.*"
 )
-# Words before a number over the rows above.
-_SUMS = (
-    "sum",
-    "total",
-    "min",
-    "max",
-    "minimum",
-    "maximum",
-    "count",
-    "range",
-    "summe",
-    "somme",
-    "suma",
-    "var",
-    "variance",
-)
-# Meanings of columns that have a time of a touch each.
-_OF_TIMES = {"time", "touch", "bounce", "begin", "beside"}
-# Quantities whose units a line before the table may name.
-_UNITS_OF = {"unit of length": "position", "unit of time": "time"}
 _POINTS = NumberStyle()
-_RATE_IN_WORDS = re.compile(r"(\d+(?:[.,]\d+)?)\s*(?:fps|hz|frames\s*(?:per|/)\s*s)", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,369 +216,6 @@ def unit_scale(file: str, name: str, unit: str, quantity: str) -> float:
         if si_unit:
             expected = f"one that converts to {si_unit}"
         raise UserError(file, got, expected) from None
-
-
-def tables_of(sheet: Sheet) -> list[Table]:
-    """The tables of a sheet: one below the other, and drops side by side.
-
-    Raises UserError, `explained`, for a sheet without numbers, a row with more cells than the header
-    has, and numbers that can be read in two ways.
-    """
-    rows = [(line, tuple(cell.strip() for cell in cells)) for line, cells in sheet.rows]
-    turned = _turned(rows)
-    if len(turned) > len(rows) or not any(_is_data(cells) for _, cells in rows):
-        rows = turned
-    if any("multi" in cells[0].split(":") for _, cells in rows[:3]):
-        raise UserError(sheet.name, "several tracks", "one", "Export the ball's track alone")
-    tables = []
-    parts = list(_parts(rows))
-    # Remarks below a table may begin with names.
-    of_numbers = [part for part in parts if any(_is_data(cells) for _, cells in part)]
-    for part in of_numbers or parts:
-        above = [cells for line, cells in rows if line < part[0][0] and not _is_data(cells)]
-        table = _table(sheet.name, part, above)
-        tables += _in_a_row(table) or _side_by_side(table)
-    return tables
-
-
-def _is_data(cells: Sequence[str]) -> bool:
-    """Say whether a row has numbers of a table: half of its cells, and no name first."""
-    given = [cell for cell in cells if not is_missing(cell)]
-    numeric = sum(map(looks_numeric, given))
-    if not numeric or 2 * numeric < len(given):
-        return False
-    if looks_numeric(given[0]):
-        return True
-    return role_of(*split_header(given[0])) not in QUANTITY_OF and not of_file(given[0])
-
-
-def _turned(rows: list[Row]) -> list[Row]:
-    """Rows and columns exchanged where each row has a name and then numbers; else as they are."""
-    named: list[tuple[int, list[str]]] = []
-    others: list[Row] = []
-    for line, cells in rows:
-        first, *rest = [*cells]
-        match = re.fullmatch(r"(.*\D)\s*[:=]\s*\[?\s*(\S*)", first)
-        if match is not None and role_of(*split_header(match[1])) in QUANTITY_OF:
-            first, rest = match[1], [match[2], *rest] if match[2] else rest
-        numeric = sum(map(looks_numeric, rest))
-        is_named = bool(first) and not looks_numeric(first)
-        if (
-            is_named
-            and numeric > 1
-            and 2 * numeric > sum(1 for cell in rest if not is_missing(cell))
-        ):
-            named.append((line, [first, *(cell.strip("[]") for cell in rest)]))
-        else:
-            others.append((line, cells))
-    has_role = any(role_of(*split_header(cells[0])) in QUANTITY_OF for _, cells in named)
-    # Under a header of several names a row with a name is a row of that table.
-    is_under_header = any(
-        sum(role_of(*split_header(cell)) in QUANTITY_OF for cell in cells) > 1
-        for _, cells in others
-    )
-    if not named or not has_role or is_under_header:
-        return rows
-    turned = itertools.zip_longest(*(cells for _, cells in named), fillvalue="")
-    line = named[0][0]
-    return [*others, *((line, tuple(cells)) for cells in turned)]
-
-
-def _parts(rows: list[Row]) -> Iterator[list[Row]]:
-    """Tables one below the other: after rows of numbers, a row of names begins another one."""
-    part: list[Row] = []
-    count = 0
-    for line, cells in rows:
-        is_data = _is_data(cells)
-        if not is_data and count >= _LEAST_ROWS and _names(cells):
-            yield part
-            part, count = [], 0
-        part.append((line, cells))
-        count += is_data
-    yield part
-
-
-def _names(cells: Sequence[str]) -> int:
-    """Number of names of columns in a row."""
-    return sum(
-        role_of(*split_header(cell)) != "" for cell in cells if cell and not looks_numeric(cell)
-    )
-
-
-def _table(name: str, rows: list[Row], above: list[tuple[str, ...]]) -> Table:
-    """The table in these rows, below others. Raises UserError, `explained`, where there is none."""
-    begin, end = _block(name, rows)
-    body = rows[begin:end]
-    width = max(len(_trimmed(cells)) for _, cells in body)
-    header, before = _header(rows[:begin], body, width)
-    frequency, written = _said_before([*above, *before])
-    if "x" in written:
-        header = tuple(
-            (written["x"], unit) if meanings_of(name) == {"x"} else (name, unit)
-            for name, unit in header
-        )
-    table = Table(
-        name=name,
-        header=header,
-        cells=tuple(cells for _, cells in body),
-        lines=tuple(line for line, _ in body),
-        frequency=frequency,
-        units=tuple(written.items()),
-    )
-    with explained(name, table.header):
-        table = replace(table, style=_style(table))
-        for row, line in zip(table.cells, table.lines, strict=True):
-            if any(row[len(header) :]):
-                got = f"{len(row)} cells"
-                raise UserError(f"{name}, line {line}", got, f"{len(header)}, as the header has")
-    return table
-
-
-def _block(name: str, rows: list[Row]) -> tuple[int, int]:
-    """First and last rows of the numbers: the longest run of rows of numbers, and what
-    belongs to it before and after.
-
-    Rows that sum up, such as "mean,0.8", end it. Raises UserError where no row has numbers.
-    """
-    is_data = [_is_data(cells) for _, cells in rows]
-    longest, start, at = 0, 0, 0
-    for has_numbers, group in itertools.groupby(is_data):
-        count = len(list(group))
-        if has_numbers and count >= longest:
-            longest, start = count, at
-        at += count
-    if not longest:
-        header = next((tuple(map(split_header, cells)) for _, cells in rows if _names(cells)), ())
-        got = "has a header and no rows" if header else "has no numbers"
-        with explained(name, header):
-            raise UserError(name, got, "a header and rows of numbers")
-    above = max((i for i in range(start) if _names(rows[i][1])), default=-1)
-    width = len(_trimmed(rows[start][1]))
-    begin = next(
-        i for i in range(above + 1, start + 1) if is_data[i] and len(_trimmed(rows[i][1])) == width
-    )
-    end = next((i for i in range(start, len(rows)) if _sums_up(rows[i][1])), len(rows))
-    return begin, end
-
-
-def _sums_up(cells: Sequence[str]) -> bool:
-    """Say whether a row begins with "mean", "sd" or another word for a number over the rows above."""
-    return re.fullmatch(r"[^\W\d_][\w\s.]*:?", cells[0]) is not None and (
-        (meanings_of(cells[0]) <= {"mean", "uncertainty", "filler"} and bool(meanings_of(cells[0])))
-        or cells[0].strip(": ").lower() in _SUMS
-    )
-
-
-def _trimmed(cells: Sequence[str]) -> tuple[str, ...]:
-    """Cells without the empty ones at their end."""
-    count = len(cells)
-    while count and not cells[count - 1]:
-        count -= 1
-    return tuple(cells[:count])
-
-
-def _header(
-    above: list[Row], body: list[Row], width: int
-) -> tuple[tuple[tuple[str, str], ...], list[tuple[str, ...]]]:
-    """Names with units over rows of numbers, and the rows above that are none of it.
-
-    body: the rows of numbers; width: their cells. Names may have a row of units below them, a row
-    of groups above them, as motion capture writes it, or be missing: then all are "".
-    """
-    rows = [_trimmed(cells) for _, cells in above]
-    near = [
-        i
-        for i in range(max(0, len(rows) - _MOST_HEADER_ROWS), len(rows))
-        if _fits(rows[i], body, width) or (_are_units(rows[i]) and len(rows[i]) <= width)
-    ]
-    # A title has words of a header, and no units.
-    units = {i: sum(bool(split_header(cell)[1]) for cell in rows[i]) for i in near}
-    at = max(near, key=lambda i: (_names(rows[i]), units[i], -i), default=None)
-    if at is not None and not _names(rows[at]):
-        # No name is known: the row next to the numbers is the header, unless it is a title.
-        at = next(
-            (i for i in reversed(near) if not _are_units(rows[i]) and len(rows[i]) == width), None
-        )
-    if at is None:
-        return tuple([("", "")] * width), rows
-    names = _padded(rows[at], body, width)
-    # Numbers beyond the last name may be halves of numbers with commas: no name is made up for them.
-    is_short = any(any(cells[len(rows[at]) :]) for _, cells in body)
-    if is_short and len(names) > len(rows[at]) and names[0]:
-        names = rows[at]
-    header = [split_header(name) for name in names]
-    used = {at}
-    below = next((i for i in near if i != at and _are_units(rows[i])), None)
-    if below is not None:
-        used.add(below)
-        written = _padded(rows[below], body, width)
-        for i, unit in enumerate(map(plain_unit, written[: len(header)])):
-            if not header[i][1] and unit.lower() not in NO_UNIT:
-                header[i] = (header[i][0], unit)
-    groups = [i for i in near if i < at and i not in used and len(rows[i]) >= width - 1]
-    if groups and len(set(header)) < len(header):
-        group = _padded(rows[groups[-1]], body, width)
-        header = [
-            (f"{of} {name}".lower() if of else name, unit)
-            for of, (name, unit) in zip(group, header, strict=True)
-        ]
-    return tuple(header), [row for i, row in enumerate(rows) if i not in used]
-
-
-def _fits(cells: tuple[str, ...], body: list[Row], width: int) -> bool:
-    """Say whether a row may name the columns of the numbers below it."""
-    if not any(any(map(str.isalpha, cell)) for cell in cells) or any(map(looks_numeric, cells)):
-        return False
-    if len(cells) == width or (len(cells) == width - 1 and _is_counted(body)):
-        return True
-    return _names(cells) > 0 and (width == 1 or len(cells) > 1)
-
-
-def _is_counted(body: list[Row]) -> bool:
-    """Say whether the first column counts or names the rows: pandas gives it no name."""
-    first = [cells[0] for _, cells in body]
-    if not any(map(looks_numeric, first)):
-        return True
-    return counts(first)
-
-
-def _padded(cells: tuple[str, ...], body: list[Row], width: int) -> tuple[str, ...]:
-    """The cells of a row above the numbers, as many as there are columns."""
-    if len(cells) == width - 1 and _is_counted(body):
-        return ("", *cells)
-    return (*cells, *[""] * (width - len(cells)))
-
-
-def _are_units(cells: Sequence[str]) -> bool:
-    """Say whether a row has units alone."""
-    given = [cell.strip("()[] ") for cell in cells if cell.strip("()[] ").lower() not in NO_UNIT]
-    return bool(given) and all(map(is_unit, given))
-
-
-def _said_before(rows: list[tuple[str, ...]]) -> tuple[float | None, dict[str, str]]:
-    """The frequency of frames or samples, Hz, and units by quantity, that lines before a table name."""
-    frequency = None
-    written: dict[str, str] = {}
-    for i, cells in enumerate(rows):
-        text = "\t".join(cells)
-        parts = [part.strip() for part in re.split(r"[\t:=;,]", text) if part.strip()]
-        for name, value in itertools.pairwise(parts):
-            meaning = of_file(name)
-            number = re.match(r"\d+(?:\.\d+)?", value)
-            if meaning == "frequency" and number is not None:
-                frequency = frequency or float(number[0])
-            elif meaning in _UNITS_OF and is_unit(plain_unit(value)):
-                written[_UNITS_OF[meaning]] = plain_unit(value)
-            elif meaning == "units" and value.lower() in ("si", "mks"):
-                written |= {"time": "s", "position": "m", "speed": "m/s", "force": "N"}
-            elif meaning == "units":
-                unit = plain_unit(value)
-                written |= {of: unit for of in QUANTITIES_OF_COLUMNS if is_unit_of(unit, of)}
-            elif meaning == "dimension of x" and role_of(value.lower()) == "time":
-                # LabVIEW counts its x in s and names it x_value.
-                written |= {"x": "time", "time": "s"}
-        match = _RATE_IN_WORDS.search(text)
-        if match is not None:
-            frequency = frequency or float(match[1].replace(",", "."))
-        # Vicon: the rate is alone in the line below "Trajectories" or "Devices".
-        is_of_vicon = i and rows[i - 1][:1] in (("Trajectories",), ("Devices",), ("Model Outputs",))
-        if is_of_vicon and len(cells) == 1 and re.fullmatch(r"\d+(?:\.\d+)?", cells[0]):
-            frequency = float(cells[0])
-    return frequency, written
-
-
-def _style(table: Table) -> NumberStyle:
-    """The style of a table's numbers. Raises UserError for those that can be read in two ways."""
-    return style_of(table.name, [table.texts(i) for i in range(len(table.header))])
-
-
-def _in_a_row(table: Table) -> list[Table]:
-    """The times, or the heights, that a table has in a row for each drop, under names with numbers:
-    "Bounce 0 (s), Bounce 1 (s), ..."; empty where it has none.
-
-    phyphox writes its stopwatch and "(In)elastic collision" so, with 0 for what was not heard.
-    """
-    for quantity, allowed in (("time", _OF_TIMES), ("position", {"height", "bounce"})):
-        numbered = []
-        for i, (name, unit) in enumerate(table.header):
-            found = meanings_of(name)
-            digits = [int(meaning) for meaning in found if meaning.isdigit()]
-            words = found - set(map(str, digits))
-            if words and words <= allowed and is_unit_of(unit, quantity):
-                numbered.append((digits[0] if digits else -1, i))
-        if len(numbered) < 3 or len({number for number, _ in numbered}) < len(numbered):
-            continue
-        places = [i for _, i in sorted(numbered)]
-        if _counts_bounces(table, places):
-            return _a_column_each(table, places)
-        drops = []
-        for k, (row, line) in enumerate(zip(table.cells, table.lines, strict=True), 1):
-            cells = [cell_of(row, i) for i in places]
-            heard = [cell for cell in cells[1:] if table.number(cell) and not is_missing(cell)]
-            called = table.name if len(table.cells) == 1 else f"{table.name}, drop {k}"
-            header = (("time" if quantity == "time" else "height", table.header[places[0]][1]),)
-            column = tuple((cell,) for cell in [cells[0], *heard])
-            drops.append(
-                replace(
-                    table, name=called, header=header, cells=column, lines=(line,) * len(column)
-                )
-            )
-        return drops
-    return []
-
-
-def _counts_bounces(table: Table, places: Sequence[int]) -> bool:
-    """Say whether a column beside others numbers the rows as bounces: then these go down."""
-    for at, (name, unit) in enumerate(table.header):
-        if at not in places and not unit and numbers_bounces(name) and counts(table.texts(at)):
-            return True
-    return False
-
-
-def _a_column_each(table: Table, places: Sequence[int]) -> list[Table]:
-    """A table for each of the columns at these places, without the cells that are missing."""
-    drops = []
-    for k, at in enumerate(places, 1):
-        rows = [
-            (row[at], line)
-            for row, line in zip(table.cells, table.lines, strict=True)
-            if not is_missing(cell_of(row, at))
-        ]
-        drops.append(
-            replace(
-                table,
-                name=f"{table.name}, drop {k}",
-                header=(table.header[at],),
-                cells=tuple((cell,) for cell, _ in rows),
-                lines=tuple(line for _, line in rows),
-            )
-        )
-    return drops
-
-
-def _side_by_side(table: Table) -> list[Table]:
-    """The drops of a table whose columns repeat, one table each; the table alone where none do."""
-    names = [name for name in table.header if name[0]]
-    first = names[0] if names else ("", "")
-    starts = [i for i, name in enumerate(table.header) if name == first]
-    if not first[0] or len(starts) < 2 or role_of(*first) not in QUANTITY_OF:
-        return [table]
-    drops = []
-    for k, (begin, end) in enumerate(itertools.pairwise([*starts, len(table.header)]), 1):
-        rows = [(row[begin:end], line) for row, line in zip(table.cells, table.lines, strict=True)]
-        kept = [(row, line) for row, line in rows if not all(map(is_missing, row))]
-        drops.append(
-            replace(
-                table,
-                name=f"{table.name}, drop {k}",
-                header=table.header[begin:end],
-                cells=tuple(row for row, _ in kept),
-                lines=tuple(line for _, line in kept),
-            )
-        )
-    if len({tuple(one for one in drop.header if one[0]) for drop in drops}) > 1:
-        return [table]
-    return drops
 
 
 def cell_of(row: Sequence[str], at: int) -> str:

@@ -22,7 +22,10 @@ def test_trackers_export_is_read(tmp_path: Path, capsys: pytest.CaptureFixture[s
         assert run(["fit", write(tmp_path, content, "track.txt"), "--json"]) == 0
         low, high = json.loads(capsys.readouterr().out)["alpha_interval_95_s_per_m"]
         assert low < 0.2 < high
-    assert run(["fit", write(tmp_path, "#multi:\n" + text, "two.txt")]) == 2
+    two = "\n".join(
+        ["#multi:", "mass A\t\t\tmass B", "t\tx\ty\tt\tx\ty", *(2 * row for row in rows)]
+    )
+    assert run(["fit", write(tmp_path, two, "two.txt")]) == 2
     assert "several tracks" in capsys.readouterr().err
 
 

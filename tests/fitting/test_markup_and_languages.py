@@ -209,7 +209,7 @@ def test_a_row_without_a_time_is_named(tmp_path: Path) -> None:
     assert isinstance(data, TouchTimes)
     assert data.numbers is not None
     assert data.numbers.tolist() == [0, 1, 2, 4, 5, 6, 7, 8, 9]
-    assert "no time in line 5" in data.assumed
+    assert "no time of touch 4" in data.assumed
 
 
 def test_the_page_counts_the_languages() -> None:

@@ -108,8 +108,14 @@ def test_a_number_in_a_name_computes_nothing(tmp_path: Path, header: str) -> Non
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("bounce,height (cm)\n0,801 mm\n1,458 mm\n2,297 mm\n", "'801 mm' under 'height' in cm"),
-        ("bounce,height (cm)\n0,80\n2,45\n4,29\n6,19\n", "'bounce' 0, then 2"),
+        ("bounce,height (cm)\n0,80 %\n1,46 %\n2,30 %\n", "'%' under 'height'"),
+        ("bounce,duration (s)\n1,0.8\n2,0.6\n4,0.3\n5,0.2\n", "flights are left out"),
+        ("bounce,duration (s)\n1,0.2\n2,0.3\n3,0.4\n", "longer and longer"),
+        ("bounce,duration (ms)\n1,4.3\n2,4.2\n3,4.1\n4,4.0\n", "at most 0.0043 s"),
+        ("time (s),speed (m/s)\n0.1,1\n0.2,2\n0.3,3\n0.4,4\n", "times beside a speed"),
+        ("drop,height (cm)\n1,61.2\n2,60.8\n3,60.1\n", "a row for each 'drop'"),
+        ("mesure,hauteur (cm)\n1,61.2\n2,60.8\n3,60.1\n", "a row for each 'mesure'"),
+        ("touch,time (25 fps)\n1,0:03:11\n2,0:04:07\n3,0:05:00\n", "frames in the times"),
         ("trial,height (cm)\n1,61.2\n2,60.8\n3,60.1\n", "a row for each 'trial'"),
         ("drop height (cm),height after 2 bounces (cm)\n80,40\n60,35\n", "first rebound"),
     ],
