@@ -117,6 +117,7 @@ def make_tuned(
     is_theirs = adapter.keeps_friction and not target.friction_asked
     if target.friction and not is_theirs:
         setting = adapter.with_friction(setting, target.friction)
+    setting = adapter.with_corners(setting, target.corners)
     evaluation = evaluate(adapter, scene, setting, target)
     train = LongestTrain(target.curve, evaluation.max_error, target.speed_max)
     passivity = adapter.passivity(scene, setting, (target.speed_min, target.speed_max), train=train)
