@@ -173,6 +173,12 @@ class Engine(ABC):
         """Return the setting with Coulomb's μ added to its contact, for pasting."""
         return setting
 
+    def oblique_setting(self, setting: Setting) -> Setting | None:
+        """The setting under which launches at an angle run in place of this one: its own, or that of
+        another engine whose contact this engine has; None where there is none.
+        """
+        return setting if self.oblique else None
+
     def with_corners(self, setting: Setting, corners: int) -> Setting:
         """Return the setting as a body feels it that lands on so many points at once."""
         return setting

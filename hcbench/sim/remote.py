@@ -91,6 +91,10 @@ class Wrapped(HasPlugin, TunesModels):
         """Return the setting with μ, as the adapter adds it."""
         return self.adapter.with_friction(setting, friction)
 
+    def oblique_setting(self, setting: Setting) -> Setting | None:
+        """Return the setting under which the adapter has launches at an angle run."""
+        return self.adapter.oblique_setting(setting)
+
     def with_corners(self, setting: Setting, corners: int) -> Setting:
         """Return the setting for bodies that land on so many points, as the adapter makes it."""
         return self.adapter.with_corners(setting, corners)

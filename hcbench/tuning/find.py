@@ -83,11 +83,11 @@ def find_answer(
 
 
 def _require_friction(engine: str, friction: float) -> None:
-    """Raise SettingError for a friction above 0 in an engine without oblique launches: no body
-    that slides could be judged there.
+    """Raise SettingError for a friction above 0 in an engine for which no body that slides could be
+    judged: it has no oblique launches, nor the contact of an engine that has.
     """
     adapter = registry.engine(engine)
-    if not friction or adapter.oblique:
+    if not friction or adapter.oblique or adapter.default_friction:
         return
     advice = "Leave it out: settings of this engine are found without friction"
     if adapter.keeps_friction:
