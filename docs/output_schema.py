@@ -275,7 +275,7 @@ STANDING = dict.fromkeys(
 )
 LANDED = record(
     "Landed",
-    dict.fromkeys(("rebound_m", "rebound_spread_m", *(each.key for each in QUANTITIES)), Number),
+    of_fields(*records.REBOUND, *(each.field for each in QUANTITIES)),
 )
 STIFFER = record("StifferServos", {"kp_factor": float, "rebound_m": Number})
 CHANGE = record(

@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hcbench.checking.judge import judge_results, run_checks
 from hcbench.checking.outcome import Outcome, Report, Verdict
 from hcbench.checking.spec import Check, CheckSpec, plan, read_max_error
-from hcbench.checking.text import as_junit, as_markdown, checks_of, find_table
+from hcbench.checking.text import as_junit, as_markdown, checks_in, table_in
 from hcbench.measuring.request import read_limit
 from hcbench.system.errors import OutputError, UserError
 from hcbench.system.outputs import require_outputs, write_output
@@ -87,8 +87,11 @@ def _run(
     if len(models) == 1 and is_toml:
         if not spec.models and not source.is_file():
             raise UserError("checks", f"no model, and no {DEFAULT_FILE} here", "a model to check")
-        if find_table(source) is not None or not _is_study(source):
-            return run_checks(_planned(_listed(source, spec), outputs, measure_only), progress)
+        content = read_toml(source, UserError, "checks")
+        table = table_in(content, source)
+        if table is not None or not _is_study(content):
+            checks = _listed(table, source, spec)
+            return run_checks(_planned(checks, outputs, measure_only), progress)
     if len(models) == 1 and (is_toml or source.is_dir()):
         if outputs.baseline is not None:
             raise UserError("write-baseline", f"given with {source}, a study", "a model to check")
@@ -99,11 +102,9 @@ def _run(
     return run_checks(_planned([plan(spec)], outputs, measure_only), progress)
 
 
-def _is_study(path: Path) -> bool:
-    """Say whether a TOML file has one of the keys that every study has. Raises UserError for a file
-    that is not TOML.
-    """
-    return bool({"scene", "run"} & read_toml(path, UserError, "checks").keys())
+def _is_study(content: dict[str, Any]) -> bool:
+    """Say whether a TOML file with this content has one of the keys that every study has."""
+    return bool({"scene", "run"} & content.keys())
 
 
 def _planned(checks: list[Check], outputs: Outputs, measure_only: bool) -> list[Check]:
@@ -125,10 +126,12 @@ def _planned(checks: list[Check], outputs: Outputs, measure_only: bool) -> list[
     return checks
 
 
-def _listed(path: Path, spec: CheckSpec) -> list[Check]:
+def _listed(table: dict[str, Any] | None, path: Path, spec: CheckSpec) -> list[Check]:
     """The checks of a file; a limit or baseline given with the file holds for all of them.
 
-    Raises UserError for other options given with it, and for a file that cannot be read as checks.
+    table: of checks in the file, None for a file without one. path: of the file.
+    Raises UserError for other options given with it, and for a table that cannot be read as checks,
+    as `checks_in` does.
     """
     _require_only(
         spec,
@@ -145,7 +148,7 @@ def _listed(path: Path, spec: CheckSpec) -> list[Check]:
     baseline: Path | None = None
     if options["baseline"] is not None:
         baseline = Path(options["baseline"])
-    checks = checks_of(path, baseline)
+    checks = checks_in(table, path, baseline)
     return [dataclasses.replace(check, **changes) for check in checks]  # type: ignore[arg-type]
 
 

@@ -213,12 +213,20 @@ class CheckTable(SharedSpec):
 
 
 def find_table(path: Path) -> dict[str, Any] | None:
+    """The table of checks of a TOML file, as `table_in` finds it.
+
+    Raises UserError for a file that is not TOML, and as `table_in` does.
+    """
+    return table_in(read_toml(path, UserError, "checks"), path)
+
+
+def table_in(content: dict[str, Any], path: Path) -> dict[str, Any] | None:
     """The table of a TOML file: [tool.hcbench], or all of a file that has [[check]]; None without
     one.
 
-    Raises UserError for a file that is not TOML, and for a [tool.hcbench] that is not a table.
+    content: of the file. path: of it, for errors. Raises UserError for a [tool.hcbench] that is not
+    a table.
     """
-    content = read_toml(path, UserError, "checks")
     table = (
         content.get("tool", {}).get("hcbench") if isinstance(content.get("tool"), dict) else None
     )
@@ -234,10 +242,21 @@ def checks_of(path: Path, baseline: Path | None = None) -> list[Check]:
     """The checks that a file lists, planned; the models are not opened.
 
     baseline: a file to hold all of them against, instead of what they say.
+    Raises UserError for a file that is not TOML, and as `checks_in` does.
+    """
+    return checks_in(find_table(path), path, baseline)
+
+
+def checks_in(
+    content: dict[str, Any] | None, path: Path, baseline: Path | None = None
+) -> list[Check]:
+    """Checks that the table of a file lists, planned; the models are not opened.
+
+    content: the table, None for a file without one. path: of the file, from whose folder paths
+    lead. baseline: a file to hold all of the checks against, instead of what they say.
     Raises UserError that names the entry and key that cannot be used, for a file without a table,
     and for two checks of one name.
     """
-    content = find_table(path)
     if content is None:
         raise UserError(
             "checks", f"{path} has no [tool.hcbench]", "a table with [[tool.hcbench.check]] entries"

@@ -184,7 +184,11 @@ def _straight(request: Request, speed: float) -> list[Launch]:
 def _at_another_step(
     timestep: float, launches: Sequence[Launch], at_step: Callable[[float], ModelUnderTest]
 ) -> ContactStep:
-    """The launches at a time step, s."""
+    """The launches at a time step, s; without a point where the model cannot be launched at it.
+
+    at_step: opens the pair at a time step. Errors of hcbench's own, such as a step beyond all
+    bounds, mean that it cannot; others are raised.
+    """
     try:
         with at_step(timestep) as model:
             return ContactStep(timestep, _point(simulate.impacts_in(model, launches)))
@@ -200,7 +204,12 @@ def _point(impacts: Sequence[Impact]) -> CurvePoint:
 
 
 def _impact(model: ModelUnderTest, launches: Sequence[Launch]) -> ContactImpact:
-    """The contact in launches that differ in phase alone."""
+    """The contact in launches that differ in phase alone, one or more; NaN for what no launch
+    shows.
+
+    The spring and damper are fitted to all first touches together, if each has steps enough, and
+    are left out for a force that no spring with a damper has.
+    """
     impacts = simulate.impacts_in(model, launches)
     touches = [_first_touch(model, launch) for launch in launches]
     stiffness = damping = misfit = math.nan
@@ -234,7 +243,9 @@ def _mean(values: Sequence[float]) -> float:
 
 def _first_touch(model: ModelUnderTest, launch: Launch) -> Floats:
     """(penetration m, rate m/s, force N) of the steps of a first touch in which a force acts,
-    shape (3, n).
+    shape (3, n); n = 0 for a launch that never touches.
+
+    Steps with numbers that are not finite are left out.
     """
     parts: list[Floats] = []
     with closing(model.follow(launch)) as simulation:
@@ -245,9 +256,13 @@ def _first_touch(model: ModelUnderTest, launch: Launch) -> Floats:
             if not np.isfinite(force).all() or (acts.size and not force[acts[0] :].all()):
                 break
     rows = np.concatenate(parts, axis=1)
-    begin, *_ = [*np.flatnonzero(rows[2]).tolist(), rows.shape[1]]
-    after = np.flatnonzero(rows[2, begin:] == 0.0)
-    touch: Floats = rows[:, begin : begin + int(after[0])] if after.size else rows[:, begin:]
+    is_acting = rows[2] != 0.0
+    if not is_acting.any():
+        return rows[:, :0]
+    begin = int(is_acting.argmax())
+    is_over = ~is_acting[begin:]
+    end = begin + int(is_over.argmax()) if is_over.any() else len(is_acting)
+    touch: Floats = rows[:, begin:end]
     return touch[:, np.isfinite(touch).all(axis=0)]
 
 
@@ -350,7 +365,7 @@ def _load_rows(carried: Carried) -> Iterator[_Row]:
 
 
 def _step_rows(steps: Sequence[ContactStep]) -> Iterator[_Row]:
-    """Rows of e over time steps; one of neighbours with the same e."""
+    """Rows of e over time steps; steps that follow each other with the same e have one row."""
 
     def said(step: ContactStep) -> str:
         if step.point is None:
@@ -375,7 +390,7 @@ def _from_to(lowest: float, highest: float, digits: str) -> str:
 
 
 def _two_columns(rows: Sequence[_Row]) -> list[str]:
-    """Lines of rows, the titles at the left."""
+    """Lines of rows: titles at the left, then one or two values, aligned."""
     first = max(len(title) for title, *_ in rows)
     second = max((len(cells[0]) for _, *cells in rows if len(cells) > 1), default=0)
     lines = []

@@ -170,6 +170,48 @@ def worst_of(points: Iterable[CurvePoint]) -> CurvePoint | None:
     return max(known, key=lambda point: abs(point.worst_phase), default=None)
 
 
+@dataclass(frozen=True, slots=True)
+class _Phases:
+    """Impacts that count for the numbers of k points, in the order of points and their phases.
+
+    count: k. rows: numbers of these m impacts among all, (m,).
+    known: points that have any, rising, (p,). starts, sizes: where each of these begins in `rows`,
+    and how many of its impacts count, (p,).
+    share: of the time step that each impact stands for, (m,); a point's add up to 1.
+    """
+
+    count: int
+    rows: Whole
+    known: Whole
+    starts: Whole
+    sizes: Whole
+    share: Floats
+
+    def mean(self, values: Floats | None, width: int = 1) -> Floats:
+        """Means of each point, weighed by the shares, (k,), or (k, width) if width > 1; NaN for a
+        point without an impact that counts.
+
+        values: of all impacts, (n,) or (n, width); None: not known, all NaN.
+        """
+        means = np.full((self.count, width), math.nan)
+        if values is not None:
+            ordered = values[self.rows].reshape(-1, width)
+            # About the first one: the mean of equal values is their value, to the last bit.
+            first = ordered[self.starts]
+            off = ordered - np.repeat(first, self.sizes, axis=0)
+            beyond = self.share[:, np.newaxis] * off
+            means[self.known] = first + np.add.reduceat(beyond, self.starts, axis=0)
+        if width > 1:
+            return means
+        return means[:, 0]
+
+    def of_points(self, values: Floats) -> Floats:
+        """A number of each point, (k,), from those of the known ones, (p,); NaN for the others."""
+        column = np.full(self.count, math.nan)
+        column[self.known] = values
+        return column
+
+
 def curve_of_columns(
     group: Whole,
     *,
@@ -209,48 +251,29 @@ def curve_of_columns(
     rows = by_phase[counts[by_phase]]
     known, starts, sizes = np.unique(group[rows], return_index=True, return_counts=True)
     share = step_shares(phase[rows], starts)
-
-    def mean(values: Floats | None, width: int = 1) -> Floats:
-        """Means over the phases of each point, shape (count,), or (count, width) if width > 1; NaN
-        without an impact.
-
-        values: of each impact, shape (n,) or (n, width).
-        """
-        means = np.full((count, width), math.nan)
-        if values is not None:
-            ordered = values[rows].reshape(-1, width)
-            # About the first one: the mean of equal values is their value, to the last bit.
-            first = ordered[starts]
-            beyond = share[:, np.newaxis] * (ordered - np.repeat(first, sizes, axis=0))
-            means[known] = first + np.add.reduceat(beyond, starts, axis=0)
-        if width > 1:
-            return means
-        return means[:, 0]
-
-    def chosen(values: Floats) -> Floats:
-        column = np.full(count, math.nan)
-        column[known] = values
-        return column
+    phases = _Phases(count, rows, known, starts, sizes, share)
 
     e = restitution[rows]
     error = e - target[rows]
+    # The largest error first, of each group.
     worst_first = np.lexsort((-np.abs(error), group[rows]))
     fewest = np.full(count, np.iinfo(np.int64).max)
     np.minimum.at(fewest, group[has_e], samples[has_e])
     failed = np.bincount(group[~has_e], minlength=count)
+    has_any_e = failed < np.bincount(group, minlength=count)
     return Curve(
         speed=speed[first_of_group],
-        speed_in=mean(speed_in),
-        restitution=mean(restitution),
-        lowest=chosen(np.minimum.reduceat(e, starts)),
-        highest=chosen(np.maximum.reduceat(e, starts)),
-        target=mean(target),
-        worst_phase=chosen(error[worst_first][starts]),
-        samples=np.where(failed < np.bincount(group, minlength=count), fewest, 0),
+        speed_in=phases.mean(speed_in),
+        restitution=phases.mean(restitution),
+        lowest=phases.of_points(np.minimum.reduceat(e, starts)),
+        highest=phases.of_points(np.maximum.reduceat(e, starts)),
+        target=phases.mean(target),
+        worst_phase=phases.of_points(error[worst_first][starts]),
+        samples=np.where(has_any_e, fewest, 0),
         failed=failed,
         angle=angle[first_of_group],
-        restitution_after_force=mean(after_force),
-        along=mean(along, len(ALONG)),
+        restitution_after_force=phases.mean(after_force),
+        along=phases.mean(along, len(ALONG)),
     )
 
 
@@ -283,11 +306,12 @@ _PHASES_MAX = 32
 
 
 def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
-    """Impacts of a request's launches, by speed, angle and phase; without given phases, those that
-    matter.
+    """Impacts of a request's launches, by speed, angle and phase; without given phases, at those that
+    matter (`Request.adapt_phases`).
 
     A long contact is launched at one phase, others at those of the request. Where few steps decide,
-    the gap between two neighbours that differ is halved until the scatter of e is found.
+    the gap between two neighbours that differ is halved until the scatter of e is found, up to
+    _PHASES_MAX phases.
     Raises what the model raises at a launch.
     """
     if not request.adapt_phases:
@@ -320,11 +344,11 @@ def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
 
 
 def _between(impacts: Sequence[Impact]) -> list[Launch]:
-    """Launches at phases half-way between neighbours whose e differ, the most different first.
+    """Launches at phases half-way between neighbours whose e differ, the most different first; empty
+    once all is known, and where so many steps decide that chance moves e little.
 
-    impacts: of one speed and angle, in the order of their phases.
-    None once all is known, or where many steps decide. The step after the last phase is that of the
-    first again.
+    impacts: of one speed and angle, in the order of their phases, one or more. The step after the
+    last phase is that of the first again.
     """
     room = _PHASES_MAX - len(impacts)
     if room <= 0 or min(impact.samples for impact in impacts) > STEPS_BY_CHANCE:

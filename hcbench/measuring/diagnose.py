@@ -308,7 +308,10 @@ def _fixable(suspects: Sequence[Suspect]) -> list[Suspect]:
 
 
 class _Trials:
-    """The probe launches simulated with some fixes made; each set of fixes once."""
+    """The probe launches simulated with some fixes made; each set of fixes once.
+
+    model: without fixes. launches: the probes. goal: e over approach speed, m/s; NaN for none.
+    """
 
     def __init__(self, model: ModelUnderTest, launches: Sequence[Launch], goal: Goal) -> None:
         self.model = model

@@ -182,8 +182,8 @@ def unresolved(landings: Landings) -> list[str]:
 
 
 def _few_steps(landings: Landings) -> list[str]:
-    """One sentence on drops in which few steps are in contact, in a list; empty where `unresolved`
-    says more.
+    """One sentence on drops in which so few steps are in contact that chance moves e, in a list;
+    empty where `unresolved` says more.
     """
     h = landings.timestep
     fewest = min(_steps(drop, h) for drop in landings.drops)

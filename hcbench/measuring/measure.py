@@ -176,7 +176,7 @@ def measure(
 
 
 def measure_job(job: Job, limit: float | None = None) -> Measurement:
-    """Measure one pair."""
+    """Measure one pair, in a worker for a model in a file. limit, errors: of `run_job`."""
     return run_job(_measured, job, limit)
 
 
@@ -226,7 +226,7 @@ def begin_measuring(models: Sequence[str], engine: Any) -> None:
 
 
 def prepare(name: str) -> None:
-    """Import what measuring in an engine takes."""
+    """Import what measuring in an engine of this name takes; in a worker, ahead of its first job."""
     registry.submodule(name, "model.under_test")
     if (backend := registry.adapter(name).backend) is not None:
         backend.module()
@@ -261,10 +261,10 @@ def _label(source: str | tuple[str, ...]) -> str:
 
 
 def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
-    """Answer of a job, within the limit of memory.
+    """Answer of a job, within the limit of memory that a model may take.
 
-    Raises EngineFailed for any error that is not hcbench's own, and for a model that needs more
-    memory.
+    Raises what `work` raises of hcbench's own errors; UserError for names that are not in UTF-8;
+    EngineFailed for any other error, and for a model that needs more memory.
     """
     try:
         with memory_limit(_memory()), beyond_bounds(job.beyond_bounds):
@@ -286,7 +286,8 @@ def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
 def _measured(job: Job) -> Measurement:
     """Launch the pair, lay it down, and look for causes of what is not as wanted.
 
-    Raises UserError for a pair that cannot be opened, or that never touched without a cause found.
+    Raises UserError for a pair that cannot be opened, or that never touched without a cause found;
+    EngineFailed for an engine that fails on it.
     """
     request = job.request
     causes: tuple[Cause, ...] = ()
@@ -295,13 +296,9 @@ def _measured(job: Job) -> Measurement:
     with engine.open(source, request, rebuild) as model:
         impacts = impacts_of(model, request)
         facts = model.facts()
-        promise = facts.promise
-        # True if hcbench wrote this contact and the contact keeps its promise.
-        is_as_chosen = False
-        if promise is not None:
-            facts = replace(facts, notes=(promise.note(impacts), *facts.notes))
-            is_as_tuned = promise.is_kept(impacts) and not facts.changed
-            is_as_chosen = is_as_tuned and job.wanted in (None, promise.curve)
+        is_as_chosen = _is_as_chosen(facts, impacts, job.wanted)
+        if facts.promise is not None:
+            facts = replace(facts, notes=(facts.promise.note(impacts), *facts.notes))
         # Measured before the trials, which end what a user's function made.
         rest, suspects = at_rest(model, job.rest, impacts)
         contact = contact_in(model, request) if job.contact else None
@@ -320,8 +317,26 @@ def _measured(job: Job) -> Measurement:
         contact = replace(contact, peaks=engine.landing_peaks(source, request))
         contact = contact_over_steps(contact, request, facts.timestep, at_step)
     return Measurement(
-        facts, request, tuple(impacts), job.wanted, causes, remedy, rest, lacking, contact
+        facts=facts,
+        request=request,
+        impacts=tuple(impacts),
+        wanted=job.wanted,
+        causes=causes,
+        remedy=remedy,
+        rest=rest,
+        rest_causes=lacking,
+        contact=contact,
     )
+
+
+def _is_as_chosen(facts: Facts, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> bool:
+    """True if hcbench wrote this contact, it keeps its promise, and nothing else is wanted: then
+    there are no causes to look for.
+    """
+    promise = facts.promise
+    if promise is None or facts.changed:
+        return False
+    return promise.is_kept(impacts) and wanted in (None, promise.curve)
 
 
 def _require_touch(impacts: Sequence[Impact], facts: Facts) -> None:
@@ -343,10 +358,12 @@ def _memory() -> int:
 
 
 def source_of(job: Job) -> tuple[OpensModels, Any, Callable[[], Any] | None]:
-    """(engine, model, function that makes the model again, or None where it need not be made).
+    """(engine that opens the model of a job, model, function that makes the model again, or None
+    where it need not be made).
 
-    A function of a Python file is called here, once. Raises UserError where that fails or no engine
-    opens the model, SceneError for a file that none opens.
+    A function of a Python file is called here, once. Raises UserError where that fails, where no
+    engine opens the model or the engine that is named does not open models; SceneError for a file
+    that none opens.
     """
     source = job.source
     rebuild = None

@@ -188,7 +188,9 @@ class Measurement(Drawn):
 
     @property
     def loops(self) -> list[Impact]:
-        """One impact a launch speed, of those whose contact took steps enough to show its force."""
+        """One impact a launch speed, the first of those that parted with a loop, and with steps
+        enough in contact to show its force.
+        """
         loops: dict[float, Impact] = {}
         for impact in self.impacts:
             if (

@@ -39,7 +39,9 @@ def is_python(source: Any) -> bool:
 
 
 def python_function(text: str) -> Callable[..., Any]:
-    """The function that "file.py:function" names. Raises UserError where it is missing."""
+    """The function that "file.py:function" names; its file is run. Raises UserError where the file
+    or the function is missing, and where the file does not run.
+    """
     match = _PYTHON.fullmatch(text)
     assert match is not None
     path = Path(match["file"])
@@ -91,8 +93,11 @@ _DIRECTIONS: dict[str, Vector] = {
 
 
 def read_joints(text: Any) -> Pose:
-    """Joints as "hip=0.3, knee=-30 deg, base=0, 0, 0.3", or a mapping
-    of names. Raises QuantityError.
+    """Joints, each with its values, of text such as "hip=0.3, knee=-30 deg, base=0, 0, 0.3", or of
+    a mapping of names to numbers or text; () for None.
+
+    Values are in rad or m, quaternions w x y z. Raises QuantityError for a part without a name or
+    value, and for values that are not finite numbers.
     """
     if text is None:
         return ()
@@ -167,10 +172,10 @@ def read_state(state: Any) -> Pose:
 
 
 def read_named(file: Path, slot: str, what: str) -> Mapping[str, Any]:
-    """The named arrays of an .npz or JSON file.
+    """The named arrays of an .npz file, or the object of a JSON file.
 
-    slot, what: of the error, UserError.
-    what: it should have.
+    slot, what: name of the option, and what the file should have, in errors. Raises UserError for a
+    file that cannot be read, is damaged or has no names.
     """
     try:
         if file.suffix == ".npz":
@@ -203,7 +208,9 @@ def _arrays(content: bytes) -> dict[str, Any]:
 
 
 def read_direction(text: Any) -> Vector:
-    """A unit vector of "above", "-x" or "0,1,1"; the side of the first body. Raises QuantityError."""
+    """A unit vector of "above", "-x" and the like, or of three numbers such as "0,1,1": the side
+    from which the first body comes. Raises QuantityError for anything else and for three zeros.
+    """
     if isinstance(text, str) and text.strip() in _DIRECTIONS:
         return _DIRECTIONS[text.strip()]
     parts = text.split(",") if isinstance(text, str) else list(text)
@@ -276,7 +283,11 @@ def request_for(request: Request, speeds: object, known: MaterialPair | None) ->
 def _each_once(
     quantity: str, name: str, kind: str, **bounds: float
 ) -> Callable[[Any], tuple[float, ...]]:
-    """Reads several quantities, each given once."""
+    """Make a reader of several quantities, which refuses equal ones by QuantityError.
+
+    quantity, bounds: as `units.parse_values` takes them. name: of the option. kind: "a speed" and
+    the like, for the error.
+    """
 
     def read(given: Any) -> tuple[float, ...]:
         values = tuple(units.parse_values(given, quantity, name, **bounds).tolist())

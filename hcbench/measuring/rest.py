@@ -28,11 +28,11 @@ _HELPS = 0.5
 
 @dataclass(frozen=True, slots=True)
 class RestLimits:
-    """The largest penetration (m) and vibration (m/s, rms) of a pair at rest;
-    hcbench looks for causes above.
+    """The largest penetration (m) and vibration (m/s, rms) of a pair at rest, infinite for no
+    limit; hcbench looks for causes above.
 
-    of_user: whether the user gave them; then a vibration that still dies
-    away is held to its limit, too.
+    of_user: whether the user gave them; then a vibration that still dies away is held to its limit,
+    too.
     """
 
     penetration: float = 1e-3
@@ -41,7 +41,7 @@ class RestLimits:
 
     @property
     def text(self) -> str:
-        """The limits as a phrase."""
+        """The limits as a phrase, without those that are infinite; at least one is finite."""
         phrases = []
         if not math.isinf(self.penetration):
             phrases.append(f"penetration of {1e3 * self.penetration:g} mm")

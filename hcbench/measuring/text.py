@@ -138,7 +138,9 @@ def as_text(measurement: Measurement) -> str:
 
 
 def _curve_lines(measurement: Measurement) -> list[str]:
-    """Lines of the table of e over speed, without the columns that say nothing."""
+    """Lines of the table of e over speed, a row a launch speed and angle; columns of angle, e after
+    the force and failures only where there are some.
+    """
     speeds = measurement.request.speeds
     asked_e = measurement.facts.asked or (math.nan,) * len(speeds)
     asked = dict(zip(speeds, asked_e, strict=True))
@@ -272,7 +274,9 @@ def setting_text(value: Any) -> str:
 
 
 def _score_lines(measurement: Measurement) -> list[str]:
-    """Lines on the score against the law; none without a law, or if an impact came to rest."""
+    """Lines on the score against the law: fitted α, energy lost, loops and claims; none without a
+    law, or if an impact came to rest.
+    """
     score = measurement.score
     law = measurement.law
     if score is None or law is None or score.rested:

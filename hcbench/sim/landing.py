@@ -6,14 +6,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, get_type_hints
 
 import numpy as np
 
 from hcbench.system.text import Shown
-from hcbench.terms.records import LANDING, record
+from hcbench.terms.records import LANDING, REBOUND, Field, record
 
 if TYPE_CHECKING:
     from hcbench.sim.model_under_test import ModelSetting, Vector
@@ -261,64 +261,163 @@ REBOUNDS = tuple(drop for drop in DROPS if drop.height == max(HEIGHTS) and not d
 
 @dataclass(frozen=True, slots=True)
 class LandedQuantity:
-    """A quantity that a setting may not make worse.
+    """A quantity of a landing that a setting of the feet may not make worse.
 
-    name: of the field. si: of what is printed. share: times what it was, above which it is worse;
-    rebound_share: the same where a rebound was asked for, which takes force and way. slack: a
-    growth that always will do, SI.
+    field: its key, SI unit and meaning in JSON. title, unit: as it is printed.
+    slack: a growth that always will do, SI. share: times what it was, above which more growth is
+    worse; rebound_share: the same where a rebound was asked for, which takes force and way.
+    name: of the attribute of `LandingQuantities`.
     """
 
-    name: str
-    key: str
+    field: Field
     title: str
     unit: str
-    si: float
-    share: float
-    rebound_share: float
     slack: float
+    share: float = 1.2
+    rebound_share: float = 1.2
+    name: str = ""
+
+    @property
+    def si(self) -> float:
+        """The printed unit in SI: it is that of the field, or a thousandth of it."""
+        return 1e-3 if self.unit.startswith("mm") else 1.0
+
+    def change(self, was: float, now: float) -> str:
+        """Both values, SI, in words."""
+        words = f"{self.title} {was / self.si:.3g} -> {now / self.si:.3g} {self.unit}"
+        return words.rstrip()
 
 
-QUANTITIES = (
-    LandedQuantity("rest", "rest_s", "time to rest", "s", 1.0, 1.2, 1.2, 0.3),
-    LandedQuantity("peak", "peak_over_weight", "peak force over weight", "", 1.0, 1.2, 1.5, 2.0),
-    LandedQuantity("depth", "depth_m", "largest penetration", "mm", 1e-3, 1.2, 1.2, 5e-4),
-    LandedQuantity("sink", "sink_m", "penetration at rest", "mm", 1e-3, 1.2, 1.2, 2e-4),
-    LandedQuantity("travel", "travel_m", "travel in 10 s", "mm", 1e-3, 1.2, 1.5, 2e-2),
-    LandedQuantity("creep", "creep_m_per_s", "creep at rest", "mm/s", 1e-3, 1.2, 1.2, 3e-4),
-    LandedQuantity(
-        "vibration", "vibration_m_per_s", "vibration at rest", "mm/s", 1e-3, 1.2, 1.2, 2e-4
-    ),
-    LandedQuantity("gain", "energy_gain", "energy gain over m g h", "", 1.0, 1.2, 1.2, 5e-3),
-    LandedQuantity("late", "late_flights", "flights after 3 s", "", 1.0, 1.2, 1.2, 0.0),
-)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LandingQuantities:
+    """Quantities of a landing by which settings of the feet are judged, SI, each with its field and
+    its limits; NaN for what a drop is too short for.
+
+    `QUANTITIES` lists them: JSON, its documentation and the judgement take them from there.
+    """
+
+    rest: Annotated[
+        float,
+        LandedQuantity(
+            Field(
+                "rest",
+                "s",
+                "time from the first touch until the centre of mass stays slower than 2 cm/s"
+                " (null if it never does)",
+            ),
+            title="time to rest",
+            unit="s",
+            slack=0.3,
+        ),
+    ]
+    peak: Annotated[
+        float,
+        LandedQuantity(
+            Field("peak_over_weight", "", "largest force of the floor over the robot's weight"),
+            title="peak force over weight",
+            unit="",
+            slack=2.0,
+            rebound_share=1.5,
+        ),
+    ]
+    depth: Annotated[
+        float,
+        LandedQuantity(
+            Field("depth", "m", "largest penetration of all drops"),
+            title="largest penetration",
+            unit="mm",
+            slack=5e-4,
+        ),
+    ]
+    sink: Annotated[
+        float,
+        LandedQuantity(
+            Field("sink", "m", "penetration at rest"),
+            title="penetration at rest",
+            unit="mm",
+            slack=2e-4,
+        ),
+    ]
+    travel: Annotated[
+        float,
+        LandedQuantity(
+            Field(
+                "travel", "m", "way of the centre of mass along the floor from the touch to the end"
+            ),
+            title="travel in 10 s",
+            unit="mm",
+            slack=2e-2,
+            rebound_share=1.5,
+        ),
+    ]
+    creep: Annotated[
+        float,
+        LandedQuantity(
+            Field("creep", "m/s", "speed of the centre of mass along the floor in the last 2 s"),
+            title="creep at rest",
+            unit="mm/s",
+            slack=3e-4,
+        ),
+    ]
+    vibration: Annotated[
+        float,
+        LandedQuantity(
+            Field("vibration", "m/s", "vibration at rest"),
+            title="vibration at rest",
+            unit="mm/s",
+            slack=2e-4,
+        ),
+    ]
+    gain: Annotated[
+        float,
+        LandedQuantity(
+            Field(
+                "energy_gain",
+                "",
+                "most energy that a flight starts with beyond that before, over m g h",
+            ),
+            title="energy gain over m g h",
+            unit="",
+            slack=5e-3,
+        ),
+    ]
+    late: Annotated[
+        float,
+        LandedQuantity(
+            Field(
+                "late_flights",
+                "",
+                "flights that begin more than 3 s after release, in one drop",
+            ),
+            title="flights after 3 s",
+            unit="",
+            slack=0.0,
+        ),
+    ]
 
 
-@dataclass(frozen=True, slots=True)
-class Landed:
+def _quantities() -> Iterator[LandedQuantity]:
+    """The quantities that `LandingQuantities` states, each with its name."""
+    for name, hint in get_type_hints(LandingQuantities, include_extras=True).items():
+        (quantity,) = hint.__metadata__
+        yield replace(quantity, name=name)
+
+
+QUANTITIES = tuple(_quantities())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Landed(LandingQuantities):
     """Landing from one drop, SI; NaN for what its time is too short for.
 
     rebound: height that the centre of mass gains in its highest flight, with the whole robot off
     the floor for longer than chatter, m.
-    rest: time from the first touch until the centre of mass stays slow, s; inf where it never does.
-    peak: largest force of the floor over the weight. depth, sink: deepest penetration, and that at
-    rest, m.
-    travel: along the floor from the touch to the end, m. creep, vibration: of the centre of mass in
-    the last seconds, m/s.
-    gain: energy at the start of a flight beyond that before, over m g h. late: flights after 3 s.
-    sag: way of the centre of mass down from the touch to its rest, m.
+    sag: way of the centre of mass down from the touch to its rest, m, without what the contacts
+    give way.
     fell: whether it ends low.
     """
 
     rebound: float
-    rest: float
-    peak: float
-    depth: float
-    sink: float
-    travel: float
-    creep: float
-    vibration: float
-    gain: float
-    late: float
     sag: float
     fell: bool
 
@@ -339,28 +438,19 @@ class Robot:
     controller: str
 
 
-@dataclass(frozen=True, slots=True)
-class DropTest:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DropTest(LandingQuantities):
     """A robot dropped from each height, at each tilt and phase: the worst of each quantity, SI.
 
     rebound, spread: mean and largest difference from it over the phases of the flat drops from the
     largest height, m. frequency: of its legs, rad/s, from how far it sags on them; NaN where it
-    does not rest. diverged: whether a drop has no end; other numbers are then infinite.
-    seconds: of each drop. Others: see `Landed`.
+    does not rest. fell: whether it falls over in any drop. diverged: whether a drop has no end; the
+    rebound and the quantities are then infinite. seconds: of each drop.
     """
 
     robot: Robot
     rebound: float
     spread: float
-    rest: float
-    peak: float
-    depth: float
-    sink: float
-    travel: float
-    creep: float
-    vibration: float
-    gain: float
-    late: float
     frequency: float
     fell: bool
     diverged: bool
@@ -369,8 +459,10 @@ class DropTest:
     @property
     def record(self) -> dict[str, float]:
         """The numbers by their keys in JSON, SI."""
-        of_quantities = {each.key: getattr(self, each.name) for each in QUANTITIES}
-        return {"rebound_m": self.rebound, "rebound_spread_m": self.spread, **of_quantities}
+        numbers = {field.key: field.of(self) for field in REBOUND}
+        for each in QUANTITIES:
+            numbers[each.field.key] = getattr(self, each.name)
+        return numbers
 
     def worse_than(self, before: DropTest, rebound: float = 0.0) -> Iterator[str]:
         """Quantities that grew by more than the stated share and slack, in words.
@@ -387,8 +479,7 @@ class DropTest:
             # A NaN before is what was not measured.
             is_lost = math.isnan(now) and not math.isnan(was)
             if is_lost or now > max(share * was, was + each.slack):
-                words = f"{each.title} {was / each.si:.3g} -> {now / each.si:.3g} {each.unit}"
-                yield words.rstrip()
+                yield each.change(was, now)
 
     def meets(self, rebound: float) -> bool:
         """Say whether the rebound is within a tenth, or 1 mm of none, of a target, m."""
@@ -425,15 +516,17 @@ class ReboundSettings:
 
 
 def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: float) -> DropTest:
-    """Join drops, None where one diverged. seconds: of each."""
+    """Join the landings from one or more drops; None for one that diverged. seconds: of each.
+
+    The rebound is NaN without flat drops.
+    """
     landed = [each for each in drops.values() if each is not None]
     if len(landed) < len(drops):
-        numbers = {each.name: math.inf for each in QUANTITIES}
         return DropTest(
-            robot,
-            math.inf,
-            math.inf,
-            **numbers,
+            robot=robot,
+            rebound=math.inf,
+            spread=math.inf,
+            **{each.name: math.inf for each in QUANTITIES},
             frequency=math.nan,
             fell=False,
             diverged=True,
@@ -455,11 +548,12 @@ def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: f
     sags = [one.sag for one in landed if one.sag > 0.0]
     frequency = math.nan
     if sags and not fell:
+        # A spring that its load shortens by s lets it oscillate at √(g/s).
         frequency = math.sqrt(math.hypot(*robot.gravity) / min(sags))
     return DropTest(
-        robot,
-        mean,
-        spread,
+        robot=robot,
+        rebound=mean,
+        spread=spread,
         **worst,
         frequency=frequency,
         fell=fell,

@@ -268,6 +268,17 @@ LANDING_SPEED_OUT = replace(
     SPEED_OUT,
     meaning="largest speed of the centre of mass away from the floor when no part touches it, or 0",
 )
+# Of drops that judge the feet of a robot: the other quantities are `LandingQuantities`.
+REBOUND = (
+    Field(
+        "rebound",
+        "m",
+        "rebound of the centre of mass from a drop of 10 cm, flat: mean over phases",
+    ),
+    Field(
+        "rebound_spread", "m", "largest difference of a phase from that mean", attribute="spread"
+    ),
+)
 LANDING_TIME = Field("time", "s", "time of each step from the first touch", list[float])
 LANDING_FORCE = Field("force", "N", "force of the floor on the robot at each step", list[float])
 

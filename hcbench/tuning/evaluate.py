@@ -94,8 +94,7 @@ class Evaluation:
 
 
 def held_out_launches(target: Target) -> list[Launch]:
-    """Launches that judge a setting: 9 speeds, each at 8 phases of the step, then 400 at random,
-    and 4 at the ends of the band that touch at the ends of a step.
+    """Launches that judge a setting: 9 speeds, each at 8 phases of the step, then 400 at random.
 
     Always the same of one target. Speeds are those at touch, both ends of the band among them; with
     friction, random launches slip up to the band's highest speed.
@@ -111,13 +110,17 @@ def held_out_launches(target: Target) -> list[Launch]:
     speeds = np.concatenate([speed, target.speed_min + _width(target) * shares])
     where = np.concatenate([phase, random.uniform(0.001, 0.999, _RANDOM)])
     slips = np.concatenate([np.zeros(speed.size), random.uniform(size=_RANDOM)]) * target.speed_max
-    # Over the phase e is a sawtooth, over the speed it is furthest off at an end: few launches at
-    # random come near such a corner.
-    ends = np.repeat([target.speed_min, target.speed_max], 2)
-    speeds = np.concatenate([speeds, ends])
-    where = np.concatenate([where, np.tile(_STEP_ENDS, 2)])
-    slips = np.concatenate([slips, np.zeros(ends.size)])
     return _launches(target, speeds, where, slips)
+
+
+def corner_launches(target: Target) -> list[Launch]:
+    """Launches at both ends of the band, m/s, that touch at either end of a step.
+
+    Over the phase e is a sawtooth, over the speed it is furthest off at an end: few launches at
+    random come near such a corner.
+    """
+    speeds = np.repeat([target.speed_min, target.speed_max], len(_STEP_ENDS))
+    return _launches(target, speeds, np.tile(_STEP_ENDS, 2), np.zeros(speeds.size))
 
 
 def _width(target: Target) -> float:
@@ -197,6 +200,7 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
         worst = impacts[int(off.argmax())]
         reach = _NEARBY / 4.0**closer
         impacts += run(_near(worst, target, reach, random))
+    impacts += run(corner_launches(target))
     return evaluate_impacts(impacts, target, scene)
 
 

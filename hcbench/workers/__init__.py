@@ -128,32 +128,31 @@ def map_surviving_crashes(
         return list(function(jobs, *args))
     worker = worker_of_thread().at(at)
     results: list[Result] = []
-    # Crashes in a row, and the end of the jobs that are run one by one.
-    crashes = suspects_end = 0
+    crashes_in_a_row = 0
+    # Jobs before this one were under way at a crash: each of them is run alone.
+    suspects_end = 0
     while (done := len(results)) < len(jobs):
-        alone = done < suspects_end
-        batch = jobs[done:]
-        time_limit = limit * together
-        if alone:
-            batch = jobs[done : done + 1]
-            time_limit = limit
+        is_alone = done < suspects_end
+        batch = jobs[done : done + 1] if is_alone else jobs[done:]
+        time_limit = limit if is_alone else limit * together
         try:
             results += worker.run(function, (batch, *args), time_limit)
             assert len(results) == done + len(batch), (
                 f"{len(results) - done} results of {len(batch)} jobs"
             )
-            crashes = 0
+            crashes_in_a_row = 0
         except WorkerDied as death:
             results += death.results
             if death.results:
-                crashes = 0
+                crashes_in_a_row = 0
             # Any of the jobs that were under way may have caused it.
-            if together > 1 and not alone:
+            if together > 1 and not is_alone:
                 suspects_end = len(results) + together
                 continue
-            crashes += 1
+            crashes_in_a_row += 1
+            # None is left where it died after its last result.
             results += [lost(job, death.got) for job in jobs[len(results) :][:1]]
-            if crashes == give_up:
+            if crashes_in_a_row == give_up:
                 reason = f"not tried: the engine died on the {give_up} before it ({death.got})"
                 results += [lost(job, reason) for job in jobs[len(results) :]]
     return results
@@ -198,8 +197,8 @@ class WorkerPool:
         return self._results(self.threads.map(partial(call, function, limit=None), jobs))
 
     def _results(self, results: Iterator[Result]) -> Iterator[Result]:
-        """Results as they come, in order. Raises what a job raises, and CannotRun where a process
-        died.
+        """Yield results as they come, in the order of the jobs. Raises what a job raises, and
+        CannotRun where a process died.
         """
         try:
             yield from results

@@ -379,7 +379,9 @@ class Fork:
         return self._wait(os.WNOHANG)
 
     def wait(self, timeout: float | None = None) -> int:
-        """The exit code, once there is one. Raises subprocess.TimeoutExpired after `timeout` s."""
+        """Wait for the end, and return the exit code, negative for a signal. Raises
+        subprocess.TimeoutExpired after `timeout` s; None: waits for ever.
+        """
         options = 0
         end = math.inf
         if timeout is not None:

@@ -9,7 +9,8 @@ from hcbench.checking.text import find_table
 from hcbench.cli import run
 from hcbench.measuring.request import read_state
 from hcbench.system.errors import UserError
-from hcbench.system.files import parse_json
+from hcbench.system.files import parse_json, read_text
+from hcbench.terms import fields
 
 
 @pytest.mark.parametrize(
@@ -42,6 +43,22 @@ def test_a_toml_file_that_is_neither_checks_nor_a_study_says_what_it_lacks(
     path.write_text('[project]\nname = "mine"\n')
     assert run(["check", str(path)]) == 2
     assert "has no [tool.hcbench]" in capsys.readouterr().err
+
+
+def test_a_toml_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A second reading could see another file."""
+    path = tmp_path / "checks.toml"
+    path.write_text('[[check]]\nmodel = "ball.xml"\nno-such-key = 1\n')
+    opened: list[Path] = []
+
+    def read(file: Path, **limits: int) -> str:
+        opened.append(file)
+        return read_text(file, **limits)
+
+    monkeypatch.setattr(fields, "read_text", read)
+    with pytest.raises(UserError, match="no-such-key"):
+        check(CheckSpec(model=str(path)))
+    assert opened == [path]
 
 
 @pytest.mark.parametrize("value", ["true", "1979-05-27", "nan", "[[1]]"])

@@ -20,8 +20,8 @@ from long_searches import long_search
 
 import hcbench
 from hcbench.engines.mujoco.backend import has_feature
-from hcbench.engines.mujoco.recipes import compliant, compliant_fit
-from hcbench.engines.mujoco.recipes.compliant_fit import (
+from hcbench.engines.mujoco.recipes import compliant
+from hcbench.engines.mujoco.recipes.compliant import (
     IMPRATIO,
     pushing_row,
     spring_and_damper_rows,
@@ -232,10 +232,10 @@ def test_half_the_damping_of_the_spring_is_nearer_and_vibrates_13_times_as_fast(
     question |= {"friction": 0.0, "recipe": "compliant-pairs"}
     calm = hcbench.tune("mujoco", **question).tuned
     for name in ("_LEAST", "_CALM"):
-        monkeypatch.setattr(compliant_fit, name, getattr(compliant_fit, name) / 2.0)
-    lowest = compliant_fit._LOWEST.copy()
+        monkeypatch.setattr(compliant, name, getattr(compliant, name) / 2.0)
+    lowest = compliant._LOWEST.copy()
     lowest[1] -= math.log(2.0)
-    monkeypatch.setattr(compliant_fit, "_LOWEST", lowest)
+    monkeypatch.setattr(compliant, "_LOWEST", lowest)
     compliant._rows_for.cache_clear()
     lively = hcbench.tune("mujoco", **question).tuned
     compliant._rows_for.cache_clear()

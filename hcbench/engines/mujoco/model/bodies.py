@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
     CollisionFilter = Literal["", "exclude", "masks", "welded", "parent"]
 
+# Degrees of freedom of a free joint: a body with these alone can be moved as a whole.
+FREE_DOFS = 6
 # Signs of the eight corners of a box.
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 

@@ -121,7 +121,7 @@ class PairInC:
     """
 
     def __init__(self, opened: OpenedModel) -> None:
-        """Describe the pair at its place of touch."""
+        """Describe the pair of an opened model at its place of touch."""
         pair = opened.place.pair
         # What `fields` points into.
         self._arrays = (
@@ -172,6 +172,11 @@ class CompiledFlight(MujocoFlight):
         """Read nothing: the loop in C does."""
 
     def _rows(self, steps: int, after: int | None) -> tuple[Floats, None]:
+        """Take the steps in C; as `MujocoFlight._rows`, without motion along the plate.
+
+        Also keeps what each cause adds to the approach, from the first step with a force on. Raises
+        MuJoCo's FatalError, and EngineFailed where there is no memory for a step.
+        """
         library = _library()
         assert library is not None, "flights_of takes this class only with a library"
         begin = self._launch.steps
@@ -200,5 +205,6 @@ class CompiledFlight(MujocoFlight):
         return read[:taken].T, None
 
     def _touched_until(self, steps: int) -> set[int]:
+        """Geoms that touched the two in the first `steps` steps."""
         touched = (self._touch_steps >= 0) & (self._touch_steps < steps)
         return set(np.flatnonzero(touched).tolist())

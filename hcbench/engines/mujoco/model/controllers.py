@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -103,9 +103,24 @@ def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, s
         raise UserError(
             "controller", f"pd with {len(gains)} gains", "two from 0 up: pd:KP,KD, such as pd:60,2"
         )
-    target = start.qpos.copy()
+    drive = _holding(model, start, root, gains)
+    described = []
+    if drive.servos.size:
+        described.append(f"{drive.servos.size} position servos hold their joints")
+    if drive.motors:
+        kp_span = _span([motor.kp for motor in drive.motors])
+        kd_span = _span([motor.kd for motor in drive.motors])
+        described.append(f"{len(drive.motors)} motors by PD, kp {kp_span}, kd {kd_span} (SI)")
+    if not described:
+        words = "the controls of the pose" if model.nu else "no actuators: its joints are free"
+        return (lambda data: None), words
+    return drive, "; ".join(described)
+
+
+def _holding(model: Any, start: Any, root: int, gains: Sequence[float]) -> _Pd:
+    """The servos and motors of a robot that hold its pose; arguments are those of `_pd`."""
     servos: list[int] = []
-    servo_targets: list[float] = []
+    targets: list[float] = []
     motors: list[_Motor] = []
     for actuator in range(model.nu):
         joint = int(model.actuator_trnid[actuator, 0])
@@ -121,24 +136,12 @@ def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, s
         # A position servo has -kp in the second number of its bias.
         if float(bias[1]) < 0.0:
             servos.append(actuator)
-            servo_targets.append(gear * float(target[angle]))
+            targets.append(gear * float(start.qpos[angle]))
         elif gain != 0.0 and not bias.any():
             kp, kd = gains or _gains(model, start, root, joint)
-            motors.append(
-                _Motor(actuator, gear * gain, angle, int(model.jnt_dofadr[joint]), kp, kd)
-            )
-    if not servos and not motors:
-        words = "the controls of the pose" if model.nu else "no actuators: its joints are free"
-        return (lambda data: None), words
-    drive = _Pd(target, np.array(servos, int), np.array(servo_targets), tuple(motors))
-    described = []
-    if servos:
-        described.append(f"{len(servos)} position servos hold their joints")
-    if motors:
-        kp_span = _span([motor.kp for motor in motors])
-        kd_span = _span([motor.kd for motor in motors])
-        described.append(f"{len(motors)} motors by PD, kp {kp_span}, kd {kd_span} (SI)")
-    return drive, "; ".join(described)
+            dof = int(model.jnt_dofadr[joint])
+            motors.append(_Motor(actuator, gear * gain, angle, dof, kp, kd))
+    return _Pd(start.qpos.copy(), np.array(servos, int), np.array(targets), tuple(motors))
 
 
 def hold_pose(model: Any, start: Any, root: int) -> tuple[Floats, str]:

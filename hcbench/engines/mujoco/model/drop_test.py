@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,11 +14,15 @@ from hcbench.engines.mujoco.backend import (
     forget_resets,
     require_feature,
 )
-from hcbench.engines.mujoco.model.bodies import body_name
 from hcbench.engines.mujoco.model.controllers import hold_pose
-from hcbench.engines.mujoco.model.find_pair import named_pair, only_pair
 from hcbench.engines.mujoco.model.open import as_requested
-from hcbench.engines.mujoco.model.over_floor import way_up
+from hcbench.engines.mujoco.model.over_floor import (
+    OverFloor,
+    falling_joint,
+    falling_root,
+    robot_in,
+    turn_base,
+)
 from hcbench.engines.mujoco.model.start_pose import start_pose
 from hcbench.engines.mujoco.model.write_pairs import label_of, spec_of
 from hcbench.sim.landing import (
@@ -37,25 +42,103 @@ from hcbench.sim.landing import (
     drop_test,
 )
 from hcbench.sim.loads import LandingPeak
-from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
 
     from hcbench.sim.model_under_test import Request
     from hcbench.terms.impact import Floats
 
 # Axis in the world about which a free base is tilted: no axis of symmetry of a robot.
 _TILT_AXIS = np.array([0.6, 0.8, 0.0])
-# Cosine of the angle to gravity below which a slide does not carry a base down.
-_VERTICAL = 0.9
 # Share of its range by which a joint that is beyond a limit is bent into it.
 _WITHIN_LIMITS = 0.05
 # A centre of mass that is farther from its start, m, has diverged.
 _FARTHEST = 50.0
-_EXPECTED = "pairs of a robot, which has actuators and can fall, with what stands still"
+# MuJoCo's contact sensor (XML reference, sensor/contact): bits of what it reads, 1 for the force and
+# 3 for the distance; how it joins contacts, 3 to the net force in the world and 1 to the least
+# distance; how many results.
+_NET_FORCE = (1 << 1, 3, 1)
+_LEAST_DISTANCE = (1 << 3, 1, 1)
 # Names of what is added to a model.
 _OURS = "hcbench drop test "
+
+
+@dataclass(frozen=True, slots=True)
+class _SensorColumns:
+    """Columns of the sensors in MuJoCo's sensor data, of a spec to which `_add_sensors` added them.
+
+    centre, velocity: the first of three. floors: the first of four of each body that stands still:
+    the force of its contacts with the robot in the world, N, then the least distance, m.
+    actuators: one each.
+    """
+
+    centre: int
+    velocity: int
+    potential: int
+    kinetic: int
+    floors: list[int]
+    actuators: list[int]
+
+    @classmethod
+    def of(cls, model: Any) -> _SensorColumns:
+        """Find the columns in a model that was compiled with the sensors of `_add_sensors`."""
+
+        def column(name: str) -> int:
+            return int(model.sensor(f"{_OURS}{name}").adr[0])
+
+        def columns(kind: str) -> list[int]:
+            names = [str(model.sensor(i).name) for i in range(model.nsensor)]
+            of_kind = [i for i, name in enumerate(names) if name.startswith(f"{_OURS}{kind}")]
+            return [int(model.sensor_adr[i]) for i in of_kind]
+
+        return cls(
+            centre=column("centre"),
+            velocity=column("speed"),
+            potential=column("potential"),
+            kinetic=column("kinetic"),
+            floors=columns("force"),
+            actuators=columns("length"),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _DropMotion:
+    """A drop as its sensors show it, SI: a row for the start of each of n steps.
+
+    height, (n,): of the centre of mass along the vertical. along_floor, (n, 3): its place without
+    that height. velocity, (n, 3): of the centre.
+    force, (n,): of the floor, upwards. distance, (n,): of the deepest point to the floor, below 0
+    inside. energy, (n,): of the robot, its servos counted as springs.
+    touch: number of the first step in which the floor pushes.
+    flights: (first step, step after the last) of each time after the touch in which the whole robot
+    is off the floor for longer than chatter.
+    """
+
+    height: Floats
+    along_floor: Floats
+    velocity: Floats
+    force: Floats
+    distance: Floats
+    energy: Floats
+    touch: int
+    flights: list[tuple[int, int]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Settling:
+    """The end of a drop, see `Landed`; NaN and false for a drop that is too short to settle."""
+
+    rest: float = math.nan
+    sink: float = math.nan
+    travel: float = math.nan
+    creep: float = math.nan
+    vibration: float = math.nan
+    late: float = math.nan
+    sag: float = math.nan
+    fell: bool = False
 
 
 class DropBench:
@@ -64,7 +147,9 @@ class DropBench:
     spec: of the whole model; a copy of it is changed. label: what to call it. requests: of pairs of
     the robot with the floor, in the pose to hold.
     root_of: finds the root body of what is dropped; raises UserError for pairs of which no part is
-    of a tree that can fall on what stands still.
+    of a tree that can fall on what stands still. None: that of a robot with actuators.
+
+    Raises EngineMissing for a MuJoCo without contact sensors.
     """
 
     def __init__(
@@ -74,203 +159,238 @@ class DropBench:
         requests: Sequence[Request],
         root_of: Callable[[Any, Sequence[Request]], int] | None = None,
     ) -> None:
+        """Add sensors to the model, let constant controls hold its pose, and find where each drop
+        begins.
+        """
         require_feature(backend(), "contact sensors")
         request = requests[0]
         spec = spec.copy()
         plain = as_requested(spec.compile(), request)
-        self.root = (root_of or _robot_in)(plain, requests)
-        _add_sensors(spec, plain, self.root)
-        self.model = model = as_requested(spec.compile(), request)
-        model.opt.enableflags |= int(backend().mjtEnableBit.mjENBL_ENERGY)
-        self.timestep = float(model.opt.timestep)
-        self.gravity = float(np.linalg.norm(model.opt.gravity))
-        self.up = -np.asarray(model.opt.gravity) / self.gravity
-        self.weight = float(model.body_subtreemass[self.root]) * self.gravity
-        self.start, _ = start_pose(model, request)
-        bent = _bend_into_limits(model, self.start)
-        backend().mj_forward(model, self.start)
-        self.controls, controller = hold_pose(model, self.start, self.root)
+        root = (root_of or robot_in)(plain, requests)
+        _add_sensors(spec, plain, root)
+        self.model = as_requested(spec.compile(), request)
+        # Else MuJoCo leaves the sensors of energy at 0.
+        self.model.opt.enableflags |= int(backend().mjtEnableBit.mjENBL_ENERGY)
+        self.timestep = float(self.model.opt.timestep)
+        self._over_floor = OverFloor(self.model, root)
+        self.gravity = self._over_floor.gravity
+        self._start, _ = start_pose(self.model, request)
+        bent = _bend_into_limits(self.model, self._start)
+        backend().mj_forward(self.model, self._start)
+        self._controls, controller = hold_pose(self.model, self._start, root)
         if bent:
             controller += f"; {bent} joints beyond their limits are bent into them"
-        gx, gy, gz = np.asarray(model.opt.gravity).tolist()
-        self.robot = Robot(
-            "mujoco",
-            label,
-            body_name(model, self.root),
-            float(model.body_subtreemass[self.root]),
-            self.timestep,
-            (gx, gy, gz),
-            controller,
+        self.robot = self._described(label, controller)
+        self._data = backend().MjData(self.model)
+        self._columns = _SensorColumns.of(self.model)
+        self._falls_by = falling_joint(self.model, root, self._over_floor.up)
+        self._released: dict[RobotDrop, Floats] = {drop: self._release(drop) for drop in DROPS}
+        self._height_at_touch = self._measured_height()
+
+    def _described(self, label: str, controller: str) -> Robot:
+        """The robot as results name it. label: of its model. controller: in words."""
+        gx, gy, gz = np.asarray(self.model.opt.gravity).tolist()
+        return Robot(
+            engine="mujoco",
+            model=label,
+            name=self._over_floor.name,
+            mass=self._over_floor.mass,
+            timestep=self.timestep,
+            gravity=(gx, gy, gz),
+            controller=controller,
         )
-        self._data = backend().MjData(model)
-        self._addresses = _sensor_addresses(model)
-        of_body = np.asarray(model.geom_bodyid)
-        self._mine = np.append(model.body_rootid[of_body] == self.root, False)
-        self._floor = np.append(model.body_weldid[of_body] == 0, False)
-        self._falls = _falling_joint(model, self.root, self.up)
-        self._states: dict[RobotDrop, Floats] = {}
-        for drop in DROPS:
-            self._states[drop] = self._released(drop)
-        # Height of the centre of mass over the floor at the touch, m.
-        self._height = self._height_at_touch()
 
     def test(self, seconds: float, drops: Sequence[RobotDrop] = DROPS) -> DropTest:
-        """Drop the robot with the contacts that `model` has now. seconds: of each drop."""
+        """Drop the robot with the contacts that `model` has now. seconds: of each drop.
+
+        A drop that diverges makes the whole test a diverged one. Raises EngineFailed for a fatal
+        error of MuJoCo's.
+        """
         landed = {}
         with captured_warnings():
             for drop in drops:
                 landed[drop] = self._landed(drop, seconds)
         return drop_test(self.robot, landed, seconds)
 
-    def _released(self, drop: RobotDrop) -> Floats:
-        """The state of a drop at release, (n,)."""
+    def _release(self, drop: RobotDrop) -> Floats:
+        """MuJoCo's full state of a drop at release, (nstate,).
+
+        The phase of a drop raises it by that share of the way of one step at touch, so that the
+        touch is later by as much.
+        """
         mujoco = backend()
         model = self.model
         data = mujoco.MjData(model)
-        data.qpos[:] = self.start.qpos
+        data.qpos[:] = self._start.qpos
         for actuator in np.flatnonzero(model.actuator_actnum == 1).tolist():
             # A filter that has settled.
-            data.act[model.actuator_actadr[actuator]] = self.controls[actuator]
-        data.mocap_pos[:] = self.start.mocap_pos
-        data.mocap_quat[:] = self.start.mocap_quat
+            data.act[model.actuator_actadr[actuator]] = self._controls[actuator]
+        data.mocap_pos[:] = self._start.mocap_pos
+        data.mocap_quat[:] = self._start.mocap_quat
         if drop.tilt:
-            _tilt(model, data, self.root, drop.tilt)
-        resting = data.qpos.copy()
-        speed = math.sqrt(2.0 * self.gravity * drop.height)
-
-        def raise_by(way: float) -> None:
-            data.qpos[:] = resting
-            address, axis = self._falls
-            data.qpos[address : address + len(axis)] += way * axis
-
-        def touches(way: float) -> bool:
-            raise_by(way)
-            mujoco.mj_fwdPosition(model, data)
-            geoms = data.contact.geom
-            on_floor = self._mine[geoms].any(axis=1) & self._floor[geoms].any(axis=1)
-            apart = data.contact.dist > 0.0
-            return bool((on_floor & ~apart & (data.contact.exclude == 0)).any())
-
-        clear = way_up(touches, body_name(model, self.root))
-        raise_by(clear + drop.height + speed * self.timestep * drop.phase)
+            _tilt(model, data, self._over_floor.root, drop.tilt)
+        address, way = self._falls_by
+        to_touch = self._over_floor.way_up(data, address, way)
+        speed_at_touch = math.sqrt(2.0 * self.gravity * drop.height)
+        raised = to_touch + drop.height + speed_at_touch * self.timestep * drop.phase
+        data.qpos[address : address + len(way)] += raised * way
         mujoco.mj_forward(model, data)
         kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
         state = np.zeros(mujoco.mj_stateSize(model, kind))
         mujoco.mj_getState(model, data, state, kind)
         return state
 
-    def _height_at_touch(self) -> float:
+    def _measured_height(self) -> float:
+        """Height of the centre of mass over the robot's lowest point, by bounding spheres, m; 1 mm
+        at least.
+        """
         mujoco = backend()
-        drop = DROPS[0]
+        up = self._over_floor.up
         kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
-        mujoco.mj_setState(self.model, self._data, self._states[drop], kind)
+        mujoco.mj_setState(self.model, self._data, self._released[DROPS[0]], kind)
         mujoco.mj_forward(self.model, self._data)
-        centre = self._data.subtree_com[self.root]
-        low = min(
-            float(self.up @ self._data.geom_xpos[geom]) - float(self.model.geom_rbound[geom])
-            for geom in np.flatnonzero(self._mine[:-1]).tolist()
-        )
-        return max(float(self.up @ centre) - low, 1e-3)
+        centre = self._data.subtree_com[self._over_floor.root]
+        lowest = math.inf
+        for geom in np.flatnonzero(self._over_floor.of_robot[:-1]).tolist():
+            middle = float(up @ self._data.geom_xpos[geom])
+            lowest = min(lowest, middle - float(self.model.geom_rbound[geom]))
+        return max(float(up @ centre) - lowest, 1e-3)
 
     def _landed(self, drop: RobotDrop, seconds: float) -> Landed | None:
-        """Simulate and read one drop; None where it diverges."""
+        """Simulate and read one drop; None where it diverges, or never touches the floor."""
         mujoco = backend()
         steps = round(seconds / self.timestep)
         forget_resets(self._data)
         states, sensors = mujoco.rollout.rollout(
             self.model,
             [self._data],
-            self._states[drop][None],
-            np.broadcast_to(self.controls, (1, 1, self.model.nu)).copy(),
+            self._released[drop][None],
+            np.broadcast_to(self._controls, (1, 1, self.model.nu)).copy(),
             nstep=steps,
         )
         state = states[0]
-        ends = abs(state[-1, 0] - state[0, 0] - (steps - 1) * self.timestep) < 0.5 * self.timestep
-        if not (ends and np.isfinite(sensors).all()):
+        # MuJoCo sets the time back where it resets an unstable state.
+        lasted = state[-1, 0] - state[0, 0]
+        is_whole = abs(lasted - (steps - 1) * self.timestep) < 0.5 * self.timestep
+        if not (is_whole and np.isfinite(sensors).all()):
             return None
-        return self._read(drop, state, sensors[0])
+        motion = self._motion(state, sensors[0])
+        return None if motion is None else self._judged(motion, drop)
 
-    def _read(self, drop: RobotDrop, state: Floats, sensors: Floats) -> Landed | None:
-        """Read the sensors of one drop, shape (n, m), each row of the start of a step."""
-        h = self.timestep
-        g = self.gravity
-        at = self._addresses
-        count = len(sensors)
-        centre = sensors[:, at["centre"] : at["centre"] + 3]
-        speed = sensors[:, at["speed"] : at["speed"] + 3]
-        height = centre @ self.up
-        force = np.zeros(count)
-        distance = np.zeros(count)
-        for floor in at["floors"]:
-            force += sensors[:, floor : floor + 3] @ self.up
+    def _motion(self, state: Floats, sensors: Floats) -> _DropMotion | None:
+        """The motion that a rollout shows; None where the robot flies off or never touches the floor.
+
+        state: MuJoCo's full state after each step, (n, nstate). sensors: their data, (n, nsensor).
+        """
+        columns = self._columns
+        up = self._over_floor.up
+        centre = sensors[:, columns.centre : columns.centre + 3]
+        upward = np.zeros(len(sensors))
+        distance = np.zeros(len(sensors))
+        for floor in columns.floors:
+            upward += sensors[:, floor : floor + 3] @ up
             distance = np.minimum(distance, sensors[:, floor + 3])
-        force = np.abs(force)
-        if np.abs(centre - centre[0]).max() > _FARTHEST:
+        # Upwards on the robot or downwards on the floor, by the order of the two: its size counts.
+        force = np.abs(upward)
+        pushes = force > 0.0
+        if np.abs(centre - centre[0]).max() > _FARTHEST or not pushes.any():
             return None
-        pressed = force > 0.0
-        if not pressed.any():
-            return None
-        touch = int(np.argmax(pressed))
-        starts, ends = _flights(pressed, touch, h)
-        rising = speed @ self.up
-        fastest = max((float(rising[i]) for i in starts), default=0.0)
-        rebound = max(fastest, 0.0) ** 2 / (2.0 * g)
-        energy = self._energy(state, sensors)
-        flat = centre - np.outer(height, self.up)
-        tail = slice(max(touch, count - round(TAIL_S / h)), count)
-        is_long = count * h > LATE_S + TAIL_S
-        pace = np.linalg.norm(speed, axis=1)
-        rest = sink = travel = creep = vibration = late = sag = math.nan
-        fell = False
-        if is_long:
-            moving = np.flatnonzero(pace > REST_SPEED)
-            last = int(moving[-1])
-            rest = math.inf if last >= count - 2 else (last + 1 - touch) * h
-            sink = -float(np.median(distance[tail]))
-            travel = float(np.linalg.norm(flat[-1] - flat[touch]))
-            creep = float(np.linalg.norm(flat[-1] - flat[tail.start])) / ((count - tail.start) * h)
-            vibration = float(np.sqrt(((speed[tail] - speed[tail].mean(0)) ** 2).sum(1).mean()))
-            late = float(sum(i * h > LATE_S for i in starts))
-            end = float(np.median(height[tail]))
-            sag = float(height[touch]) - end - sink
-            drop_of_height = float(height[touch]) - end
-            fell = drop_of_height > (1.0 - FALLEN) * self._height
+        touch = int(np.argmax(pushes))
+        height = centre @ up
+        return _DropMotion(
+            height=height,
+            along_floor=centre - np.outer(height, up),
+            velocity=sensors[:, columns.velocity : columns.velocity + 3],
+            force=force,
+            distance=distance,
+            energy=self._energy(state, sensors),
+            touch=touch,
+            flights=_flights(pushes, touch, self.timestep),
+        )
+
+    def _judged(self, motion: _DropMotion, drop: RobotDrop) -> Landed:
+        """The quantities of the landing that a motion shows. drop: whose release it began at."""
+        weight = self._over_floor.weight
+        rising = motion.velocity @ self._over_floor.up
+        fastest = max((float(rising[start]) for start, _ in motion.flights), default=0.0)
+        end = self._settling(motion)
         return Landed(
-            rebound=rebound,
+            # The height that a throw at this speed reaches.
+            rebound=max(fastest, 0.0) ** 2 / (2.0 * self.gravity),
+            peak=float(motion.force.max()) / weight,
+            depth=-float(motion.distance.min()),
+            gain=_gain(motion) / (weight * drop.height),
+            rest=end.rest,
+            sink=end.sink,
+            travel=end.travel,
+            creep=end.creep,
+            vibration=end.vibration,
+            late=end.late,
+            sag=end.sag,
+            fell=end.fell,
+        )
+
+    def _settling(self, motion: _DropMotion) -> _Settling:
+        """The end of a drop: how the robot came to rest, and lies in the last TAIL_S seconds."""
+        h = self.timestep
+        count = len(motion.height)
+        touch = motion.touch
+        if not count * h > LATE_S + TAIL_S:
+            return _Settling()
+        tail = slice(max(touch, count - round(TAIL_S / h)), count)
+        place = motion.along_floor
+        velocity = motion.velocity[tail]
+        speed = np.linalg.norm(motion.velocity, axis=1)
+        last_moving = int(np.flatnonzero(speed > REST_SPEED)[-1])
+        # Never, if it still moves in the last two steps.
+        rest = math.inf if last_moving >= count - 2 else (last_moving + 1 - touch) * h
+        about_mean = velocity - velocity.mean(0)
+        sink = -float(np.median(motion.distance[tail]))
+        lowered = float(motion.height[touch]) - float(np.median(motion.height[tail]))
+        return _Settling(
             rest=rest,
-            peak=float(force.max()) / self.weight,
-            depth=-float(distance.min()),
             sink=sink,
-            travel=travel,
-            creep=creep,
-            vibration=vibration,
-            gain=_gain(energy, touch, starts, ends) / (self.weight * drop.height),
-            late=late,
-            sag=sag,
-            fell=fell,
+            travel=float(np.linalg.norm(place[-1] - place[touch])),
+            creep=float(np.linalg.norm(place[-1] - place[tail.start])) / ((count - tail.start) * h),
+            vibration=float(np.sqrt((about_mean**2).sum(1).mean())),
+            late=float(sum(start * h > LATE_S for start, _ in motion.flights)),
+            # The legs give way by what the contacts do not.
+            sag=lowered - sink,
+            fell=lowered > (1.0 - FALLEN) * self._height_at_touch,
         )
 
     def _energy(self, state: Floats, sensors: Floats) -> Floats:
-        """Energy of the robot and of its servos as springs, J, (n,)."""
-        at = self._addresses
+        """Energy of the robot, J, (n,), its servos counted as springs.
+
+        A servo of kp pulls its joint's length l to its target by kp (target - l): a spring. Without
+        its energy, one that a landing stretches and that lets go later would seem to make some.
+        state: after each step, (n, nstate). sensors: their data, (n, nsensor).
+        """
+        columns = self._columns
         model = self.model
-        energy: Floats = sensors[:, at["potential"]] + sensors[:, at["kinetic"]]
+        energy: Floats = sensors[:, columns.potential] + sensors[:, columns.kinetic]
         if not model.nu:
             return energy
-        targets = np.tile(self.controls, (len(sensors), 1))
+        targets = np.tile(self._controls, (len(sensors), 1))
         for actuator in np.flatnonzero(model.actuator_actnum).tolist():
-            address = 1 + model.nq + model.nv + int(model.actuator_actadr[actuator])
-            targets[:, actuator] = state[:, address]
+            # The target of a filtered servo is its activation: time, positions and velocities come
+            # before it in a state.
+            activation = 1 + model.nq + model.nv + int(model.actuator_actadr[actuator])
+            targets[:, actuator] = state[:, activation]
+        # A position servo has -kp in the second number of its bias.
         stiffness = np.maximum(-model.actuator_biasprm[:, 1], 0.0)
-        behind = sensors[:, at["actuators"]] - targets
+        behind = sensors[:, columns.actuators] - targets
         energy += 0.5 * (behind**2 * stiffness).sum(axis=1)
         return energy
 
 
 def landing(source: Any, requests: Sequence[Request], like: DropTest | None) -> DropTest:
-    """The whole test of a model; as long as `like`, and else as long as the robot stands.
+    """The whole test of a robot: every drop, each as long as those of `like`; None: as long as one
+    that stands takes to rest, or a robot that falls over to touch.
 
-    Raises UserError for what cannot be dropped.
+    source: a file, MJCF text or an MjSpec. requests: of pairs of the robot with its floor.
+    Raises UserError for what cannot be dropped or copied, EngineMissing for a MuJoCo without
+    contact sensors.
     """
     bench = DropBench(spec_of(source), label_of(source), requests)
     if like is not None:
@@ -283,10 +403,13 @@ def landing(source: Any, requests: Sequence[Request], like: DropTest | None) -> 
 
 
 def landing_peaks(source: Any, request: Request) -> tuple[LandingPeak, ...]:
-    """Peak forces on the whole tree of the pair's moving body, dropped flat from each height, over
-    its weight. Raises UserError for what cannot be dropped.
+    """Peak forces on the whole tree of the pair's moving body, dropped flat from each of HEIGHTS,
+    over its weight; infinite where it diverges.
+
+    source: a file, MJCF text or an MjSpec. Raises UserError for what cannot be dropped or copied,
+    EngineMissing for a MuJoCo without contact sensors.
     """
-    bench = DropBench(spec_of(source), label_of(source), [request], _falling_root)
+    bench = DropBench(spec_of(source), label_of(source), [request], falling_root)
     of_height: dict[float, list[float]] = {height: [] for height in HEIGHTS}
     for drop in DROPS:
         if not drop.tilt:
@@ -294,81 +417,12 @@ def landing_peaks(source: Any, request: Request) -> tuple[LandingPeak, ...]:
     return tuple(LandingPeak(h, min(peaks), max(peaks)) for h, peaks in of_height.items())
 
 
-def _robot_in(model: Any, requests: Sequence[Request]) -> int:
-    """The root body of the robot whose parts the pairs name.
-
-    Raises UserError where it has no actuators, or nothing lets it fall.
-    """
-    root = _falling_root(model, requests)
-    if not _is_driven(model, root):
-        raise UserError("pair", "no actuator drives the body", _EXPECTED)
-    return root
-
-
-def _falling_root(model: Any, requests: Sequence[Request]) -> int:
-    """The root of the bodies whose parts the pairs name.
-
-    Raises UserError where nothing lets it fall.
-    """
-    roots = set()
-    for request in requests:
-        names = request.pair or only_pair(model)
-        if names is None:
-            raise UserError("pair", "missing", _EXPECTED)
-        pair = named_pair(model, names)
-        one, two = pair.first.body, pair.second.body
-        moving = [body for body in (one, two) if model.body_weldid[body]]
-        if len(moving) != 1:
-            raise UserError("pair", ",".join(names), _EXPECTED)
-        roots.add(int(model.body_rootid[moving[0]]))
-    if len(roots) != 1:
-        raise UserError("pair", "parts of several robots", _EXPECTED, "Tune them one by one")
-    root = roots.pop()
-    gravity = np.asarray(model.opt.gravity)
-    off = model.opt.disableflags & backend().mjtDisableBit.mjDSBL_GRAVITY
-    if off or not gravity.any():
-        raise UserError("gravity", "the model has none", _EXPECTED, "Try --gravity 9.81")
-    _falling_joint(model, root, -gravity / np.linalg.norm(gravity))
-    return root
-
-
-def _is_driven(model: Any, root: int) -> bool:
-    """Say whether an actuator moves a joint in the tree of a root body."""
-    kinds = backend().mjtTrn
-    in_tree = model.body_rootid[model.jnt_bodyid] == root
-    for actuator in range(model.nu):
-        kind = int(model.actuator_trntype[actuator])
-        if kind in (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT)):
-            if in_tree[model.actuator_trnid[actuator, 0]]:
-                return True
-        # Tendons, sites and bodies: of a tree with joints of its own beside its base.
-        elif in_tree.sum() > 1:
-            return True
-    return False
-
-
-def _falling_joint(model: Any, root: int, up: Floats) -> tuple[int, Floats]:
-    """(address in qpos, way in qpos for 1 m up) of the joint by which a robot falls.
-
-    Raises UserError for a base that is fixed.
-    """
-    kinds = backend().mjtJoint
-    first = int(model.body_jntadr[root])
-    for joint in range(first, first + int(model.body_jntnum[root])):
-        address = int(model.jnt_qposadr[joint])
-        if int(model.jnt_type[joint]) == int(kinds.mjJNT_FREE):
-            return address, up
-        along = float(model.jnt_axis[joint] @ up)
-        if int(model.jnt_type[joint]) == int(kinds.mjJNT_SLIDE) and abs(along) > _VERTICAL:
-            return address, np.array([1.0 / along])
-    name = str(model.body(root).name)
-    got = f"the base {name!r} cannot fall"
-    raise UserError("pair", got, "a robot whose base has a free joint or a vertical slide")
-
-
 def _bend_into_limits(model: Any, data: Any) -> int:
     """Bend joints that are beyond their limits into them, which would throw the robot; return how
     many there were.
+
+    data: MjData of the pose, whose qpos is changed: a hinge or slide then is 5 % of its range
+    inside its limit. Balls are left as they are.
     """
     kinds = backend().mjtJoint
     bent = 0
@@ -385,17 +439,18 @@ def _bend_into_limits(model: Any, data: Any) -> int:
 
 
 def _tilt(model: Any, data: Any, root: int, angle: float) -> None:
-    """Turn the base of a robot by an angle, rad, about its free joint or its first hinge."""
+    """Turn the base of a robot by an angle, rad, about its free joint or its first hinge.
+
+    data: its qpos is changed. root: number of the base. A base on slides alone is left as it is.
+    """
     kinds = backend().mjtJoint
     first = int(model.body_jntadr[root])
     for joint in range(first, first + int(model.body_jntnum[root])):
         address = int(model.jnt_qposadr[joint])
         if int(model.jnt_type[joint]) == int(kinds.mjJNT_FREE):
             turn = np.zeros(4)
-            turned = np.zeros(4)
             backend().mju_axisAngle2Quat(turn, _TILT_AXIS, angle)
-            backend().mju_mulQuat(turned, turn, data.qpos[address + 3 : address + 7].copy())
-            data.qpos[address + 3 : address + 7] = turned
+            turn_base(data, address, turn)
             return
         if int(model.jnt_type[joint]) == int(kinds.mjJNT_HINGE):
             data.qpos[address] += angle
@@ -403,7 +458,11 @@ def _tilt(model: Any, data: Any, root: int, angle: float) -> None:
 
 
 def _add_sensors(spec: Any, model: Any, root: int) -> None:
-    """Add to a spec what the test reads. model: compiled of it. root: number of the base."""
+    """Replace a spec's sensors by those that a test reads; `_SensorColumns` finds them by name.
+
+    spec: changed; bodies and actuators without a name get one, as sensors go by names.
+    model: compiled of it before. root: number of the base.
+    """
     sensors = backend().mjtSensor
     objects = backend().mjtObj
     for sensor in list(spec.sensors):
@@ -420,10 +479,13 @@ def _add_sensors(spec: Any, model: Any, root: int) -> None:
         if model.body_weldid[number]:
             continue
         body = bodies[number]
+        # The world has its own name.
         if number:
             body.name = body.name or f"{_OURS}floor {number}"
-        _add_contact(spec, f"{_OURS}force {number}", base.name, body.name, 1 << 1, 3)
-        _add_contact(spec, f"{_OURS}distance {number}", base.name, body.name, 1 << 3, 1)
+        _add_contact_sensor(spec, f"{_OURS}force {number}", base.name, body.name, _NET_FORCE)
+        _add_contact_sensor(
+            spec, f"{_OURS}distance {number}", base.name, body.name, _LEAST_DISTANCE
+        )
     for number, actuator in enumerate(spec.actuators):
         actuator.name = actuator.name or f"{_OURS}actuator {number}"
         spec.add_sensor(
@@ -434,63 +496,50 @@ def _add_sensors(spec: Any, model: Any, root: int) -> None:
         )
 
 
-def _add_contact(spec: Any, name: str, base: str, floor: str, data: int, reduce: int) -> None:
-    """A sensor of all contacts of the tree of a base with a body that stands still.
+def _add_contact_sensor(
+    spec: Any, name: str, base: str, floor: str, read: tuple[int, int, int]
+) -> None:
+    """Add a sensor of all contacts of a base's tree with one body that stands still.
 
-    data: bits of what to read, force (1) or distance (3). reduce: to the least (1), or to the net
-    force in the world (3).
+    base, floor: names of the two bodies. read: _NET_FORCE or _LEAST_DISTANCE.
     """
     objects = backend().mjtObj
     sensor = spec.add_sensor(
         name=name,
         type=backend().mjtSensor.mjSENS_CONTACT,
+        # mjOBJ_XBODY means the body's whole tree to this sensor, mjOBJ_BODY the body alone.
         objtype=objects.mjOBJ_XBODY,
         objname=base,
         reftype=objects.mjOBJ_BODY,
         refname=floor,
     )
-    sensor.intprm[0] = data
-    sensor.intprm[1] = reduce
-    sensor.intprm[2] = 1
+    sensor.intprm[:3] = read
 
 
-def _sensor_addresses(model: Any) -> dict[str, Any]:
-    """Places of the sensors in the data, by what they read."""
-    addresses: dict[str, Any] = {}
-    for name in ("centre", "speed", "potential", "kinetic"):
-        addresses[name] = int(model.sensor(f"{_OURS}{name}").adr[0])
-    names = [str(model.sensor(i).name) for i in range(model.nsensor)]
-    # The distance follows the three numbers of the force.
-    addresses["floors"] = [
-        int(model.sensor_adr[i]) for i, name in enumerate(names) if name.startswith(f"{_OURS}force")
-    ]
-    addresses["actuators"] = [
-        int(model.sensor_adr[i])
-        for i, name in enumerate(names)
-        if name.startswith(f"{_OURS}length")
-    ]
-    return addresses
+def _flights(pushes: NDArray[np.bool_], touch: int, timestep: float) -> list[tuple[int, int]]:
+    """(first step, step after the last) of each flight after the touch that is longer than chatter.
 
-
-def _flights(pressed: Any, touch: int, timestep: float) -> tuple[list[int], list[int]]:
-    """First steps of flights after the touch, longer than chatter, and the steps after their ends."""
-    off = ~pressed
+    pushes: of each step, whether the floor pushes, (n,). touch: number of the first that does.
+    """
+    off = ~pushes
     off[:touch] = False
     edges = np.diff(np.concatenate([[0], off.astype(int), [0]]))
     starts = np.flatnonzero(edges == 1)
     ends = np.flatnonzero(edges == -1)
     lasting = (ends - starts) * timestep >= PARTED_S
-    return starts[lasting].tolist(), ends[lasting].tolist()
+    return list(zip(starts[lasting].tolist(), ends[lasting].tolist(), strict=True))
 
 
-def _gain(energy: Floats, touch: int, starts: Sequence[int], ends: Sequence[int]) -> float:
-    """Most energy that a flight has beyond the least before it, J; 0 for none.
+def _gain(motion: _DropMotion) -> float:
+    """Most energy that a flight begins with beyond the least before it, J; 0 for none.
 
-    energy: (n,), J. starts, ends: of the flights.
+    Before the first flight that is the energy at the touch; a flight that the contact throws up
+    with more was given it by the contact.
     """
-    least = float(energy[max(touch - 1, 0)])
+    energy = motion.energy
+    least = float(energy[max(motion.touch - 1, 0)])
     gain = 0.0
-    for start, end in zip(starts, ends, strict=True):
+    for start, end in motion.flights:
         gain = max(gain, float(energy[start]) - least)
         least = min(least, float(energy[end - 1]))
     return gain

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model.bodies import (
+    FREE_DOFS,
     approach_row,
     body_name,
     can_meet,
@@ -31,8 +32,6 @@ from hcbench.terms.impact import Floats
 # Parts of a MuJoCo model that the names of a pair mean, joints that move them, and reasons why
 # some never meet.
 
-# Of a free joint: a body with these can be moved as a whole.
-_FREE_DOFS = 6
 # Joints of a robot that a message names.
 _NAMED_JOINTS = 6
 
@@ -205,41 +204,65 @@ def _whole_tree(model: Any, body: int, chain: list[int]) -> MovingJoint:
 def chosen_joint(model: Any, body: int, move: str) -> MovingJoint | None:
     """Mover that `move` names if it carries this body, else None.
 
-    move: "base:", "body:NAME" or "joint:NAME". A named body brings its own joints and all between
-    it and this body, which then move as a push at the contact would move them. Raises UserError for
-    a name that the model does not have.
+    move: "base:", "body:NAME" or "joint:NAME". Raises UserError for a name that the model does not
+    have.
     """
     kind, _, name = move.partition(":")
     chain = list(_ancestors(model, body))
     if kind == "base":
-        if not chain or model.body_dofnum[chain[-1]] != _FREE_DOFS:
-            return None
-        words = f"the whole robot, by its base {body_name(model, chain[-1])!r}"
-        return MovingJoint(chain[-1], _translations(model, chain[-1]), words)
+        return _base_of(model, chain)
     if kind == "body":
-        names = [body_name(model, b) for b in range(model.nbody)]
-        # They are shown sanitized.
-        name = sanitized(name)
-        if name not in names:
-            raise UserError("move", f"no body {name!r}", *suggest_names(name, names[1:]))
-        if (start := names.index(name)) not in chain:
-            return None
-        if model.body_dofnum[start] == _FREE_DOFS:
-            return MovingJoint(
-                start, _translations(model, start), f"body {name!r} on its free joint"
-            )
-        chain = chain[: chain.index(start) + 1]
-        joints: list[int] = []
-        for ancestor in reversed(chain):
-            joints += _joints_of(model, ancestor)
-    else:
-        names = [joint_name(model, j) for j in range(model.njnt)]
-        if name not in names:
-            raise UserError("move", f"no joint {name!r}", *suggest_names(name, names))
-        joints = [names.index(name)]
-        if int(model.jnt_bodyid[joints[0]]) not in chain:
-            return None
+        return _from_named_body(model, chain, name)
+    return _named_joint(model, chain, name)
+
+
+def _base_of(model: Any, chain: Sequence[int]) -> MovingJoint | None:
+    """The free joint that moves the whole robot; None where its root has another one, or none.
+
+    chain: numbers of a body and of those that it hangs on, up to the root; () for the world.
+    """
+    if not chain or model.body_dofnum[chain[-1]] != FREE_DOFS:
+        return None
+    root = chain[-1]
+    words = f"the whole robot, by its base {body_name(model, root)!r}"
+    return MovingJoint(root, _translations(model, root), words)
+
+
+def _from_named_body(model: Any, chain: Sequence[int], name: str) -> MovingJoint | None:
+    """The joints of a named body and all between it and the body that it carries, which then move
+    as a push at the contact would move them; None where it does not carry that body.
+
+    chain: numbers of the body and of those that it hangs on, up to the root.
+    Raises UserError for a name that no body has.
+    """
+    names = [body_name(model, b) for b in range(model.nbody)]
+    # They are shown sanitized.
+    name = sanitized(name)
+    if name not in names:
+        raise UserError("move", f"no body {name!r}", *suggest_names(name, names[1:]))
+    if (start := names.index(name)) not in chain:
+        return None
+    if model.body_dofnum[start] == FREE_DOFS:
+        return MovingJoint(start, _translations(model, start), f"body {name!r} on its free joint")
+    joints: list[int] = []
+    for ancestor in reversed(chain[: chain.index(start) + 1]):
+        joints += _joints_of(model, ancestor)
     return _of_joints(model, joints)
+
+
+def _named_joint(model: Any, chain: Sequence[int], name: str) -> MovingJoint | None:
+    """The mover of one joint; None where it does not carry the body.
+
+    chain: numbers of the body and of those that it hangs on, up to the root.
+    Raises UserError for a name that no joint has.
+    """
+    names = [joint_name(model, j) for j in range(model.njnt)]
+    if name not in names:
+        raise UserError("move", f"no joint {name!r}", *suggest_names(name, names))
+    joint = names.index(name)
+    if int(model.jnt_bodyid[joint]) not in chain:
+        return None
+    return _of_joints(model, [joint])
 
 
 def _of_joints(model: Any, joints: list[int]) -> MovingJoint | None:
@@ -320,47 +343,52 @@ def _disabling(model: Any) -> str:
 def no_contact_error(pair: ContactPair) -> UserError:
     """The error for two between which MuJoCo makes no contact, however deep they are in each other.
 
-    It says why, by the first geom of each: a filter, a flag, a plug-in or their shapes.
+    It says why, by the first geom of each: a plug-in, a flag, a filter or their shapes.
     """
-    model = pair.model
     geoms = pair.first.geoms[0], pair.second.geoms[0]
-    if has_force_law(model, geoms):
+    if has_force_law(pair.model, geoms):
         got = f"{pair.first.name!r} and {pair.second.name!r} meet by the plug-in hcbench.hunt_crossley"
         advice = "Its e is the law's: docs/reference/plugins.md says up to which step"
         return UserError(
             "pair", got, "MuJoCo's own contact, or the plug-in hcbench.restitution", advice
         )
-    kinds = []
-    masks = []
-    for geom in geoms:
-        kind = backend().mjtGeom(int(model.geom_type[geom])).name
-        kinds.append(kind.removeprefix("mjGEOM_").lower())
-        mask = f"{model.geom_contype[geom]}/{model.geom_conaffinity[geom]}"
-        masks.append(f"{geom_name(model, geom)} has {mask}")
-    flag = _disabling(model)
-    reason = "disabled" if flag else collision_filter(model, *geoms)
-    got, *expected = {
-        "disabled": (
-            f"contacts are disabled, by {flag}",
-            "contacts",
-            f"Remove {flag} from <option>",
-        ),
-        "exclude": ("<exclude> names their bodies", "no <exclude> for them"),
-        "masks": (
-            f"contype/conaffinity do not match ({', '.join(masks)})",
-            "contype of one to share a bit with conaffinity of the other",
-            'Remove them, or write contype="1" conaffinity="1" on both',
-        ),
-        "welded": ("they are one rigid body", "two bodies that can move apart"),
-        "parent": ("parent and child are filtered", "a <pair> of the two in <contact>"),
-        "": (
-            f"MuJoCo made no contact of a {kinds[0]} inside a {kinds[1]}",
-            "two geoms that it collides, that meet along their common normal",
-        ),
-    }[reason]
+    got, *expected = _why_apart(pair.model, geoms)
     return UserError(
         "pair", f"{pair.first.name!r} and {pair.second.name!r} never touch: {got}", *expected
     )
+
+
+def _why_apart(model: Any, geoms: tuple[int, int]) -> tuple[str, ...]:
+    """(what keeps two geoms apart, what was expected instead), and advice as a third where there is
+    a fix to name.
+
+    geoms: numbers of the two. The first reason of: a flag, a filter of MuJoCo's, their shapes.
+    """
+    if flag := _disabling(model):
+        return f"contacts are disabled, by {flag}", "contacts", f"Remove {flag} from <option>"
+    match collision_filter(model, *geoms):
+        case "exclude":
+            return "<exclude> names their bodies", "no <exclude> for them"
+        case "masks":
+            masks = []
+            for geom in geoms:
+                mask = f"{model.geom_contype[geom]}/{model.geom_conaffinity[geom]}"
+                masks.append(f"{geom_name(model, geom)} has {mask}")
+            return (
+                f"contype/conaffinity do not match ({', '.join(masks)})",
+                "contype of one to share a bit with conaffinity of the other",
+                'Remove them, or write contype="1" conaffinity="1" on both',
+            )
+        case "welded":
+            return "they are one rigid body", "two bodies that can move apart"
+        case "parent":
+            return "parent and child are filtered", "a <pair> of the two in <contact>"
+        case "":
+            one, other = (_shape(model, geom) for geom in geoms)
+            return (
+                f"MuJoCo made no contact of a {one} inside a {other}",
+                "two geoms that it collides, that meet along their common normal",
+            )
 
 
 # The pair of geoms that a request means, and all that a MuJoCo model lets collide, with their
@@ -462,13 +490,13 @@ def _touching(model: Any) -> dict[_Geoms, list[str]]:
 def _described(
     model: Any, data: Any, a: int, b: int, here: set[_Geoms], touching: dict[_Geoms, list[str]]
 ) -> CandidatePair:
-    """Two geoms as a candidate: names, effective mass (kg), signed
-    distance (m) and contact in force.
+    """Two geoms as a candidate: names, effective mass (kg), signed distance (m) and contact in
+    force; NaN for a mass or distance that MuJoCo cannot tell.
 
     data: MjData at the start, after mj_forward.
     a, b: numbers of the geoms, the one that moves first.
-    here: pairs of geoms that touch in `data`.
-    touching: names of the poses in which they do.
+    here: pairs of geoms that touch in `data`, ascending.
+    touching: names of the poses in which two geoms do, by the two, ascending.
     """
     body_a = int(model.geom_bodyid[a])
     body_b = int(model.geom_bodyid[b])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +20,8 @@ from hcbench.engines.mujoco.backend import (
 from hcbench.engines.mujoco.model.bodies import body_name, geom_name, volumes
 from hcbench.engines.mujoco.model.controllers import Drive, drive_of
 from hcbench.engines.mujoco.model.find_pair import contact_in_force, named_pair
-from hcbench.engines.mujoco.model.over_floor import way_up
+from hcbench.engines.mujoco.model.open import copy_state
+from hcbench.engines.mujoco.model.over_floor import OverFloor, turn_base
 from hcbench.engines.mujoco.model.pair import WithoutContact, restitution_law
 from hcbench.engines.mujoco.model.promises import broken_promise, promise_in
 from hcbench.engines.mujoco.model.start_pose import require_quaternions, start_pose
@@ -47,329 +48,341 @@ _SLACK_S = 0.2
 def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) -> Landings:
     """Drop the robot of a model from each height (m) at each tilt (rad) of a plan.
 
-    state: an MjData to start from, or None. Raises UserError where the model has no robot or
-    nothing to land on, EngineFailed where MuJoCo finds the state unstable.
+    model: compiled MjModel. label: what to call it. state: an MjData to start from, or None.
+    Raises UserError where the model has no robot, no gravity or nothing to land on, and for a
+    controller that does not fit; EngineFailed where MuJoCo finds the state unstable.
     """
     with captured_warnings() as warned:
-        start, name = start_pose(model, request, state)
+        start, start_name = start_pose(model, request, state)
         bench = _Bench(model, start)
-        drive, words = drive_of(drops.controller, model, start, bench.root)
+        robot = bench.over_floor
+        drive, controller = drive_of(drops.controller, model, start, robot.root)
         landings = [bench.landing(h, tilt, drive) for h in drops.heights for tilt in drops.tilts]
     return Landings(
-        "mujoco",
-        backend().__version__,
-        label,
-        body_name(model, bench.root),
-        ", ".join(geom_name(model, geom) for geom in sorted(bench.trodden)),
-        name,
-        words,
-        bench.mass,
-        bench.h,
-        bench.g,
-        tuple(landings),
-        (
+        engine="mujoco",
+        version=backend().__version__,
+        model=label,
+        robot=robot.name,
+        floor=", ".join(geom_name(model, geom) for geom in sorted(bench.floor_geoms)),
+        start=start_name,
+        controller=controller,
+        mass=robot.mass,
+        timestep=bench.timestep,
+        gravity=robot.gravity,
+        drops=tuple(landings),
+        notes=(
             *plugin_warnings(warned),
-            *_broken_promises(model, bench.trodden),
-            *unit_notes(
-                body_name(model, bench.root), bench.mass, *volumes(model, start, bench.root)
-            ),
+            *_broken_promises(model, bench.floor_geoms),
+            *unit_notes(robot.name, robot.mass, *volumes(model, start, robot.root)),
         ),
     )
 
 
 def _broken_promises(model: Any, floor: Iterable[int]) -> Iterator[str]:
-    """Sentences on the pairs with the floor that are no longer as `hcbench tune` wrote them.
+    """Sentences on the pairs with the floor that are no longer as `hcbench tune` wrote them, one of
+    each kind.
 
-    floor: geoms that were touched.
+    floor: numbers of the geoms that were touched.
     """
     gravity = float(np.linalg.norm(model.opt.gravity))
-    said = set()
+    reported = set()
     for geom, other in itertools.product(range(model.ngeom), sorted(floor)):
         promise = promise_in(model, (geom, other))
         if promise is None:
             continue
         for suspect in broken_promise(model, promise, (geom, other), gravity):
-            if suspect.code not in said:
-                said.add(suspect.code)
+            if suspect.code not in reported:
+                reported.add(suspect.code)
                 yield f"{suspect.title} {suspect.evidence} ({suspect.code})."
 
 
-class _Hit(NamedTuple):
-    """A contact that a plug-in's law turns back.
+class _Point(NamedTuple):
+    """A point at which the robot meets the floor in one step, SI.
 
-    speed: towards the floor, m/s.
-    slide: along it.
-    depth: m.
+    geom, floor: numbers of the two geoms. force: normal, N; 0 where a plug-in's law turns the point
+    back by an impulse. depth: m. speed: towards the floor before the step; slide: along it, m/s.
     """
 
     geom: int
     floor: int
+    force: float
+    depth: float
     speed: float
     slide: float
-    depth: float
 
 
 class _Foot(NamedTuple):
-    """A rigid part of the robot that met the floor, and which of its geoms did."""
+    """A rigid part of the robot that met the floor, and the numbers of its geoms that did."""
 
     log: FootfallLog
     geoms: set[int]
 
 
-class _Bench:
-    """A robot with a free base, in its pose, over the parts of the world that it can land on.
+# Feet by the number of the body that each is welded to.
+_Feet = dict[int, _Foot]
+
+
+class _Fall(NamedTuple):
+    """A drop from its first touch on: its feet, and of each step the force of the floor on the robot,
+    N upwards, and the speed of its centre of mass upwards at the step's start, m/s.
+    """
+
+    feet: _Feet
+    forces: list[float]
+    rising: list[float]
+
+
+def _heaviest_base(model: Any) -> int:
+    """Number of the body on a free joint that carries most mass.
 
     Raises UserError for a model without a free joint, or without gravity.
     """
+    is_free = model.jnt_type == int(backend().mjtJoint.mjJNT_FREE)
+    bases = model.jnt_bodyid[is_free].tolist()
+    if not bases:
+        raise UserError(
+            "model", "no body has a free joint", "a robot with a free base, to be dropped"
+        )
+    is_off = model.opt.disableflags & backend().mjtDisableBit.mjDSBL_GRAVITY
+    if is_off or not np.linalg.norm(model.opt.gravity) > 0.0:
+        raise UserError(
+            "gravity",
+            "the model has none",
+            "a gravity that lets the robot fall",
+            "Try --gravity 9.81",
+        )
+    return int(max(bases, key=lambda body: float(model.body_subtreemass[body])))
+
+
+class _Bench:
+    """A robot with a free base, in its pose, over the parts of the world that it can land on.
+
+    start: MjData of the pose, with its kinematics. floor_geoms: numbers of the geoms that were
+    touched until now.
+    """
 
     def __init__(self, model: Any, start: Any) -> None:
+        """Find the robot and what it can land on. Raises UserError as `_heaviest_base` does."""
         self.model = model
         self.start = start
-        self.h = float(model.opt.timestep)
-        free = backend().mjtJoint.mjJNT_FREE
-        bases = []
-        for body, kind in zip(model.jnt_bodyid, model.jnt_type, strict=True):
-            if kind == free:
-                bases.append(int(body))
-        if not bases:
-            raise UserError(
-                "model", "no body has a free joint", "a robot with a free base, to be dropped"
-            )
-        self.root = max(bases, key=lambda body: float(model.body_subtreemass[body]))
-        self.joint = int(model.body_jntadr[self.root])
-        self.mass = float(model.body_subtreemass[self.root])
-        self.g = float(np.linalg.norm(model.opt.gravity))
-        if self.g == 0.0 or model.opt.disableflags & backend().mjtDisableBit.mjDSBL_GRAVITY:
-            raise UserError(
-                "gravity",
-                "the model has none",
-                "a gravity that lets the robot fall",
-                "Try --gravity 9.81",
-            )
-        self.up = -np.asarray(model.opt.gravity) / self.g
-        # (ngeom + 1,): True for the robot's geoms, and for those that it can land on. A contact's
-        # geom of -1, which is none, finds the False at the end.
-        of_body = np.asarray(model.geom_bodyid)
-        self.mine = np.append(model.body_rootid[of_body] == self.root, False)
-        self.floor = np.append(model.body_weldid[of_body] == 0, False)
-        self.trodden: set[int] = set()
-        # Pairs that bounce by impulses of a plug-in; MuJoCo tells no contact force of them.
-        self.struck: set[tuple[int, int]] = set()
-        if model.nplugin:
-            geoms = np.flatnonzero(self.mine[:-1]).tolist()
-            floors = np.flatnonzero(self.floor[:-1]).tolist()
-            pairs = itertools.product(geoms, floors)
-            self.struck = {pair for pair in pairs if restitution_law(model, pair) is not None}
-        self.beside = WithoutContact(model) if self.struck else None
+        self.timestep = float(model.opt.timestep)
+        root = _heaviest_base(model)
+        self.over_floor = OverFloor(model, root)
+        # Where the robot's free joint begins in qpos.
+        self._address = int(model.jnt_qposadr[int(model.body_jntadr[root])])
+        self.floor_geoms: set[int] = set()
+        self._struck = self._pairs_of_impulses()
+        # MuJoCo tells no contact force of an impulse. A step beside it, without contact, does.
+        self._without_contact = WithoutContact(model) if self._struck else None
         backend().mj_forward(model, start)
 
+    def _pairs_of_impulses(self) -> set[tuple[int, int]]:
+        """(robot's geom, floor's) of the pairs that a plug-in's law turns back by impulses."""
+        if not self.model.nplugin:
+            return set()
+        geoms = np.flatnonzero(self.over_floor.of_robot[:-1]).tolist()
+        floors = np.flatnonzero(self.over_floor.of_floor[:-1]).tolist()
+        pairs = itertools.product(geoms, floors)
+        return {pair for pair in pairs if restitution_law(self.model, pair) is not None}
+
     def landing(self, height: float, tilt: float, drive: Drive) -> Landing:
-        """One drop from a height (m) over the touch, the base turned by a tilt (rad)."""
-        model = self.model
+        """Drop the robot once, and read how it lands.
+
+        height: of its lowest point over the floor, m. tilt: by which its base is turned about the
+        world's y, rad. drive: sets the controls before each step.
+        Raises UserError where nothing is below the robot, or it meets nothing; EngineFailed where
+        MuJoCo finds the state unstable.
+        """
         data = copy.copy(self.start)
-        address = int(model.jnt_qposadr[self.joint])
-        self._turn(data, address, tilt)
-        data.qpos[address : address + 3] += self.up * (height + self._way_up(data, address))
-        backend().mj_forward(model, data)
+        turn = np.array([math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0])
+        turn_base(data, self._address, turn)
+        up = self.over_floor.up
+        to_touch = self.over_floor.way_up(data, self._address, up)
+        data.qpos[self._address : self._address + 3] += up * (height + to_touch)
+        backend().mj_forward(self.model, data)
         forget_resets(data)
-        return self._fall(data, height, tilt, drive)
-
-    def _turn(self, data: Any, address: int, tilt: float) -> None:
-        """Turn the base about the world's y by a tilt, rad."""
-        by = np.array([math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0])
-        turned = np.zeros(4)
-        backend().mju_mulQuat(turned, by, data.qpos[address + 3 : address + 7].copy())
-        data.qpos[address + 3 : address + 7] = turned
-
-    def _touches(self, data: Any) -> bool:
-        """Say whether the robot touches anything that it can land on, in this pose."""
-        backend().mj_fwdPosition(self.model, data)
-        geoms = data.contact.geom
-        distances = data.contact.dist
-        on_floor = self.mine[geoms].any(axis=1) & self.floor[geoms].any(axis=1)
-        return bool((on_floor & (distances <= 0.0) & (data.contact.exclude == 0)).any())
-
-    def _way_up(self, data: Any, address: int) -> float:
-        """Height by which to raise the robot until it just touches the floor, m; below 0 to lower it.
-
-        address: of its free joint in qpos. Raises UserError where nothing is below it.
-        """
-        trial = copy.copy(data)
-        here = data.qpos[address : address + 3].copy()
-
-        def touches(way: float) -> bool:
-            trial.qpos[address : address + 3] = here + way * self.up
-            return self._touches(trial)
-
-        return way_up(touches, body_name(self.model, self.root))
-
-    def _fall(self, data: Any, height: float, tilt: float, drive: Drive) -> Landing:
-        """Simulate a drop until WINDOW_S (s) after the first touch, and read it.
-
-        data: at release.
-        height: of the lowest point over the floor, m.
-        tilt: rad.
-
-        Raises EngineFailed where MuJoCo resets the state, UserError where the robot meets nothing.
-        """
-        model = self.model
-        mujoco = backend()
-        h = self.h
-        jacobian = np.zeros((3, model.nv))
-        latest = _FALL_SHARE * math.sqrt(2.0 * height / self.g) + _SLACK_S
-        forces: list[float] = []
-        rising: list[float] = []
-        feet: dict[int, _Foot] = {}
-        first = math.nan
-        for step in range(math.ceil((latest + WINDOW_S) / h)):
-            drive(data)
-            before = data.qvel.copy()
-            then = step * h
-            hits = self._hits(data)
-            mujoco.mj_step(model, data)
-            if resets(data):
-                got = f"MuJoCo found the state unstable {then:.3g} s after release"
-                raise EngineFailed(
-                    "model",
-                    got,
-                    "a robot that its controller holds",
-                    "Try --controller pd:KP,KD or a smaller --timestep",
-                )
-            since_touch = 0.0
-            if feet:
-                since_touch = then - first
-            force = self._tread(data, before, since_touch, feet, hits)
-            if not feet:
-                if then > latest:
-                    break
-                continue
-            if not forces:
-                first = then
-            mujoco.mj_jacSubtreeCom(model, data, jacobian, self.root)
-            forces.append(force)
-            rising.append(float(self.up @ jacobian @ before))
-            if then - first > WINDOW_S:
-                break
-        if not feet:
-            raise UserError(
-                "model",
-                f"the robot met nothing within {latest:.3g} s",
-                "a floor that it collides with",
-            )
-        pushed: Floats = np.array(forces)
-        speed_out = take_off_speed(pushed, np.array(rising), h)
-        time: Floats = np.arange(len(forces), dtype=np.float64) * h
-        fallen = tuple(foot.log.footfall(self._name(body, foot)) for body, foot in feet.items())
+        fall = self._fall(data, height, drive)
+        force: Floats = np.array(fall.forces)
+        footfalls = [foot.log.footfall(self._name(body, foot)) for body, foot in fall.feet.items()]
         impulse = math.nan
-        if self.beside is not None:
-            impulse = h * float(pushed.max())
+        if self._without_contact is not None:
+            impulse = self.timestep * float(force.max())
         return Landing(
-            height, tilt, -rising[0], speed_out, self.mass * self.g, fallen, time, pushed, impulse
+            height=height,
+            tilt=tilt,
+            speed_in=-fall.rising[0],
+            speed_out=take_off_speed(force, np.array(fall.rising), self.timestep),
+            weight=self.over_floor.weight,
+            feet=tuple(footfalls),
+            time=np.arange(len(force), dtype=np.float64) * self.timestep,
+            force=force,
+            impulse=impulse,
         )
 
-    def _hits(self, data: Any) -> list[_Hit]:
-        """Contacts that a plug-in's law turns back in the step to come, which goes on from `data`."""
-        if self.beside is None:
+    def _fall(self, data: Any, height: float, drive: Drive) -> _Fall:
+        """Simulate a drop until WINDOW_S (s) after the first touch.
+
+        data: MjData at release, moved on. height, drive, errors: of `landing`.
+        """
+        robot = self.over_floor
+        jacobian = np.zeros((3, self.model.nv))
+        latest_touch = _FALL_SHARE * math.sqrt(2.0 * height / robot.gravity) + _SLACK_S
+        fall = _Fall({}, [], [])
+        first_touch = math.nan
+        for step in range(math.ceil((latest_touch + WINDOW_S) / self.timestep)):
+            time = step * self.timestep
+            drive(data)
+            before = data.qvel.copy()
+            struck = self._struck_points(data)
+            backend().mj_step(self.model, data)
+            _require_stable(data, time)
+            pressed, force = self._pressed_points(data, before)
+            since_touch = time - first_touch if fall.feet else 0.0
+            self._tread(fall.feet, pressed, struck, since_touch)
+            if not fall.feet:
+                if time > latest_touch:
+                    break
+                continue
+            if not fall.forces:
+                first_touch = time
+            if self._without_contact is not None:
+                force = self._force_by_momentum(data, self._without_contact)
+            # The kinematics in `data` are those of the step's start.
+            backend().mj_jacSubtreeCom(self.model, data, jacobian, robot.root)
+            fall.forces.append(force)
+            fall.rising.append(float(robot.up @ jacobian @ before))
+            if time - first_touch > WINDOW_S:
+                break
+        if not fall.feet:
+            raise UserError(
+                "model",
+                f"the robot met nothing within {latest_touch:.3g} s",
+                "a floor that it collides with",
+            )
+        return fall
+
+    def _struck_points(self, data: Any) -> list[_Point]:
+        """Points that a plug-in's law will turn back by impulses in the step that goes on from
+        `data`; the plug-in strikes within that step, so they are found before it.
+
+        The state, with the controls, also goes into the data of the step without contact.
+        """
+        if self._without_contact is None:
             return []
-        trial = self.beside.data
-        hits = []
-        whole = backend().mjtState.mjSTATE_INTEGRATION
-        state = np.empty(backend().mj_stateSize(self.model, whole))
-        backend().mj_getState(self.model, data, state, whole)
-        backend().mj_setState(self.model, trial, state, whole)
+        trial = self._without_contact.data
+        copy_state(self.model, data, trial)
         backend().mj_fwdPosition(self.model, trial)
+        points = []
         for contact in trial.contact:
-            mine, floor, sign = self._in_order(contact.geom)
-            depth = float(contact.includemargin - contact.dist)
-            if (mine, floor) not in self.struck or depth < 0.0:
+            geom, floor, sign = self._robot_first(contact.geom)
+            depth_of_margin = float(contact.includemargin - contact.dist)
+            if (geom, floor) not in self._struck or depth_of_margin < 0.0:
                 continue
             normal = sign * contact.frame[:3]
-            speed, slide = self._speeds(trial, trial.qvel, contact.pos, normal, mine)
+            speed, slide = self._speeds(trial, trial.qvel, contact.pos, normal, geom)
             if speed > 0.0:
-                hits.append(_Hit(mine, floor, speed, slide, -float(contact.dist)))
-        return hits
+                points.append(_Point(geom, floor, 0.0, -float(contact.dist), speed, slide))
+        return points
 
-    def _whole_force(self, data: Any) -> float:
-        """Mean force of the floor on the robot in the step just
-        taken, N upwards, from its momentum.
+    def _force_by_momentum(self, data: Any, beside: WithoutContact) -> float:
+        """Mean force of the floor on the robot in the step just taken, N upwards: the momentum
+        that it has beyond that after the same step without contact, over the step.
+
+        data: after the step. beside: has the state before it, and takes its step here.
         """
-        assert self.beside is not None
+        robot = self.over_floor
         jacobian = np.zeros((3, self.model.nv))
-        backend().mj_jacSubtreeCom(self.model, self.beside.data, jacobian, self.root)
-        return self.mass * float(self.up @ jacobian @ (data.qvel - self.beside.step())) / self.h
+        backend().mj_jacSubtreeCom(self.model, beside.data, jacobian, robot.root)
+        gained = float(robot.up @ jacobian @ (data.qvel - beside.step()))
+        return robot.mass * gained / self.timestep
 
-    def _tread(
-        self, data: Any, before: Floats, time: float, feet: dict[int, _Foot], hits: list[_Hit]
-    ) -> float:
-        """Force of the floor on the robot in the step just taken, N upwards.
+    def _pressed_points(self, data: Any, before: Floats) -> tuple[list[_Point], float]:
+        """(points at which the floor presses on the robot; its whole force on it, N upwards) in the
+        step just taken, by MuJoCo's contact forces.
 
-        before: velocities before the step, (nv,).
-        time: since the first touch, s.
-        hits: contacts of a plug-in in this step. Each foot's force, slip and depth are added to
-        `feet`, by rigid body.
+        data: MjData after the step, with the contacts of its start. before: velocities at its
+        start, (nv,).
         """
         contacts = data.contact
-        geoms = contacts.geom
-        on_floor = self.mine[geoms].any(axis=1) & self.floor[geoms].any(axis=1)
-        acting = on_floor & (contacts.efc_address >= 0)
+        # A contact without a constraint row has no force.
+        acting = self.over_floor.between(contacts.geom) & (contacts.efc_address >= 0)
+        points = []
         upward = 0.0
+        # Force along the contact's normal and two tangents, then torques.
         wrench = np.zeros(6)
-        geoms_of: dict[int, set[int]] = {}
-        # (force N, depth m, speed towards the floor, speed along it) of each point, by rigid body.
-        parts: dict[int, list[tuple[float, float, float, float]]] = {}
         for i in np.flatnonzero(acting).tolist():
             backend().mj_contactForce(self.model, data, i, wrench)
-            mine, floor, sign = self._in_order(geoms[i])
+            geom, floor, sign = self._robot_first(contacts.geom[i])
             frame = contacts.frame[i].reshape(3, 3)
-            upward += sign * float(self.up @ (frame.T @ wrench[:3]))
-            normal = sign * frame[0]
-            speed, slide = self._speeds(data, before, contacts.pos[i], normal, mine)
-            if wrench[0] > 0.0:
-                self.trodden.add(floor)
-                body = int(self.model.body_weldid[self.model.geom_bodyid[mine]])
-                point = (float(wrench[0]), -float(contacts.dist[i]), speed, slide)
-                parts.setdefault(body, []).append(point)
-                geoms_of.setdefault(body, set()).add(mine)
-        for body, points in parts.items():
-            force, depth, speed, slide = np.array(points).T
-            if body not in feet:
-                by_impulses = any(not geoms_of[body].isdisjoint(pair) for pair in self.struck)
-                log = FootfallLog(
-                    time, float(speed.max()), float(slide.max()), by_impulses=by_impulses
-                )
-                feet[body] = _Foot(log, set())
-            feet[body].geoms.update(geoms_of[body])
-            slip = float(force @ slide / force.sum())
-            feet[body].log.add(time, self.h, float(force.sum()), slip, float(depth.max()))
-        for hit in hits:
-            body = int(self.model.body_weldid[self.model.geom_bodyid[hit.geom]])
-            if body not in feet:
-                feet[body] = _Foot(FootfallLog(time, hit.speed, hit.slide, by_impulses=True), set())
-            if body not in parts:
-                feet[body].log.add(time, self.h, 0.0, hit.slide, hit.depth)
-            feet[body].geoms.add(hit.geom)
-            self.trodden.add(hit.floor)
-        return upward if self.beside is None else self._whole_force(data)
+            upward += sign * float(self.over_floor.up @ (frame.T @ wrench[:3]))
+            force = float(wrench[0])
+            if force > 0.0:
+                speed, slide = self._speeds(data, before, contacts.pos[i], sign * frame[0], geom)
+                points.append(_Point(geom, floor, force, -float(contacts.dist[i]), speed, slide))
+        return points, upward
 
-    def _in_order(self, geoms: Any) -> tuple[int, int, float]:
-        """(the robot's geom, the floor's, 1 if MuJoCo's normal leads from floor to robot, else -1)."""
+    def _tread(
+        self, feet: _Feet, pressed: Sequence[_Point], struck: Sequence[_Point], time: float
+    ) -> None:
+        """Add one step to the feet, with new ones that touch in it.
+
+        pressed, struck: its points that feel forces and impulses. time: of its start, s after the
+        first touch.
+        """
+        pressed_of: dict[int, list[_Point]] = {}
+        for point in pressed:
+            pressed_of.setdefault(self._rigid_body(point.geom), []).append(point)
+            self.floor_geoms.add(point.floor)
+        for body, points in pressed_of.items():
+            geoms = {point.geom for point in points}
+            force, depth, speed, slide = np.array([point[2:] for point in points]).T
+            if body not in feet:
+                has_law = any(not geoms.isdisjoint(pair) for pair in self._struck)
+                log = FootfallLog(time, float(speed.max()), float(slide.max()), by_impulses=has_law)
+                feet[body] = _Foot(log, set())
+            feet[body].geoms.update(geoms)
+            # The mean speed along the floor, weighed by the forces.
+            slip = float(force @ slide / force.sum())
+            feet[body].log.add(time, self.timestep, float(force.sum()), slip, float(depth.max()))
+        for point in struck:
+            body = self._rigid_body(point.geom)
+            if body not in feet:
+                log = FootfallLog(time, point.speed, point.slide, by_impulses=True)
+                feet[body] = _Foot(log, set())
+            if body not in pressed_of:
+                feet[body].log.add(time, self.timestep, point.force, point.slide, point.depth)
+            feet[body].geoms.add(point.geom)
+            self.floor_geoms.add(point.floor)
+
+    def _rigid_body(self, geom: int) -> int:
+        """Number of the body that the geom's body is welded to."""
+        return int(self.model.body_weldid[self.model.geom_bodyid[geom]])
+
+    def _robot_first(self, geoms: Any) -> tuple[int, int, float]:
+        """(the robot's geom, the floor's, sign) of a contact of the two, by its geoms, (2,).
+
+        MuJoCo's normal leads from the first geom to the second: the sign is 1 where that is from
+        the floor to the robot, else -1.
+        """
         one, two = geoms.tolist()
-        if self.mine[two]:
+        if self.over_floor.of_robot[two]:
             return two, one, 1.0
         return one, two, -1.0
 
     def _speeds(
-        self, data: Any, before: Floats, point: Floats, normal: Floats, geom: int
+        self, data: Any, velocity: Floats, point: Floats, normal: Floats, geom: int
     ) -> tuple[float, float]:
-        """(towards the floor, along it) of the robot's material point, m/s.
+        """(speed towards the floor, along it) of the robot's material at a point, m/s.
 
-        normal: away from the floor.
+        data: MjData with the kinematics. velocity: (nv,). point: m, (3,). normal: unit vector away
+        from the floor, (3,). geom: the robot's, which has the point.
         """
         jacobian = np.zeros((3, self.model.nv))
-        backend().mj_jac(self.model, data, jacobian, None, point, int(self.model.geom_bodyid[geom]))
-        velocity = jacobian @ before
-        away = float(normal @ velocity)
-        return -away, float(np.linalg.norm(velocity - away * normal))
+        body = int(self.model.geom_bodyid[geom])
+        backend().mj_jac(self.model, data, jacobian, None, point, body)
+        of_point = jacobian @ velocity
+        away = float(normal @ of_point)
+        return -away, float(np.linalg.norm(of_point - away * normal))
 
     def _name(self, body: int, foot: _Foot) -> str:
         """Name of a foot: the only geom that touched, if it has a name, else the body."""
@@ -378,14 +391,35 @@ class _Bench:
         return geom_name(self.model, geom) if name else body_name(self.model, body)
 
 
+def _require_stable(data: Any, time: float) -> None:
+    """Raise EngineFailed where MuJoCo reset the state in the step just taken. time: of its start, s."""
+    if resets(data):
+        raise EngineFailed(
+            "model",
+            f"MuJoCo found the state unstable {time:.3g} s after release",
+            "a robot that its controller holds",
+            "Try --controller pd:KP,KD or a smaller --timestep",
+        )
+
+
 # MuJoCo: a recorded motion of a model, read for the speeds at which its parts met the floor.
 
-# The geom that moves first.
+# Numbers of two geoms, that of the body that moves first.
 _Geoms = tuple[int, int]
-# Two rigid parts, in the same order.
-_Bodies = tuple[int, int]
+# Numbers of the two rigid parts that they belong to, in the same order.
+_Parts = tuple[int, int]
 # The plug-in's law holds at any speed.
 _ANY_SPEED = (0.0, float("inf"))
+# A gap between two states may hide a contact: parts touch anew only after more than this many.
+_STATES_APART = 1.5
+
+
+class _Touchdown(NamedTuple):
+    """A touchdown of one part on another: time, s; speed together and along each other, m/s."""
+
+    time: float
+    speed: float
+    slide: float
 
 
 def touchdowns(
@@ -393,17 +427,19 @@ def touchdowns(
 ) -> TrajectoryTouchdowns:
     """Every touchdown of a part that moves on one that does not, or of the request's pair.
 
-    recorded: qpos (n, nq), qvel (n, nv), and time (n,), where it is known.
-    Raises UserError for other shapes.
+    recorded: qpos (n, nq), qvel (n, nv), and time (n,), s, where it is known.
+    Raises UserError for other shapes, for states that cannot be, and for a pair that the model does
+    not have.
     """
     qpos, qvel, time = _states(model, recorded)
     kept = None
     if request.pair is not None:
         pair = named_pair(model, request.pair)
-        kept = {_in_order(both) for both in itertools.product(pair.first.geoms, pair.second.geoms)}
+        every = itertools.product(pair.first.geoms, pair.second.geoms)
+        kept = {_ascending(geoms) for geoms in every}
     with captured_warnings():
         events = _events(model, qpos, qvel, time, kept)
-    feet = [_foot(model, geoms, np.array(rows)) for geoms, rows in events.items()]
+    feet = [_foot(model, geoms, of_parts) for geoms, of_parts in events.items()]
     feet.sort(key=lambda foot: (-len(foot.time), foot.part))
     interval = float(np.median(np.diff(time)))
     return TrajectoryTouchdowns(
@@ -411,7 +447,7 @@ def touchdowns(
     )
 
 
-def _in_order(geoms: _Geoms) -> _Geoms:
+def _ascending(geoms: _Geoms) -> _Geoms:
     first, second = geoms
     return (first, second) if first <= second else (second, first)
 
@@ -454,51 +490,62 @@ def _states(model: Any, recorded: Mapping[str, Floats]) -> tuple[Floats, Floats,
 
 def _events(
     model: Any, qpos: Floats, qvel: Floats, time: Floats, kept: set[_Geoms] | None
-) -> dict[_Geoms, list[tuple[float, float, float]]]:
-    """(time, speed, slide) of each touchdown, by the two geoms of its
-    rigid parts that touched first.
+) -> dict[_Geoms, list[_Touchdown]]:
+    """Touchdowns of every two rigid parts, in the order of time, by the first two of their geoms
+    that touched.
 
+    qpos (n, nq), qvel (n, nv), time (n,): of a recording, SI. kept: as in `_moving_first`.
     The speeds are those of the state before, or of the first in contact, the faster of the two: a
-    contact slows, and free flight may speed up, within the time between two states.
+    contact slows, and free flight may speed up, within the time between two states. Parts that
+    touch in the first state have not come down.
     """
-    data = backend().MjData(model)
+    now = backend().MjData(model)
     before = backend().MjData(model)
-    # All by the bodies of two rigid parts.
-    events: dict[_Bodies, list[tuple[float, float, float]]] = {}
-    geoms_of: dict[_Bodies, _Geoms] = {}
-    last_seen: dict[_Bodies, float] = {}
+    events: dict[_Parts, list[_Touchdown]] = {}
+    first_geoms: dict[_Parts, _Geoms] = {}
+    last_seen: dict[_Parts, float] = {}
     for i in range(len(qpos)):
-        data.qpos[:] = qpos[i]
-        data.qvel[:] = qvel[i]
-        backend().mj_fwdPosition(model, data)
-        began: dict[_Bodies, int] = {}
-        for contact, geoms in enumerate(_moving_first(model, data, kept)):
+        _put(model, now, qpos[i], qvel[i])
+        # The contact of each two parts that were apart until now, by its place in `now.contact`.
+        begun: dict[_Parts, int] = {}
+        for contact, geoms in enumerate(_moving_first(model, now, kept)):
             if geoms is None:
                 continue
             one, two = model.body_weldid[model.geom_bodyid[list(geoms)]].tolist()
             parts = (one, two)
-            geoms_of.setdefault(parts, geoms)
+            first_geoms.setdefault(parts, geoms)
             if i:
                 apart = time[i] - last_seen.get(parts, -np.inf)
                 # One state without contact may be a gap between two recorded states only.
-                if apart > max(PARTED_S, 1.5 * (time[i] - time[i - 1])):
-                    began[parts] = contact
+                if apart > max(PARTED_S, _STATES_APART * (time[i] - time[i - 1])):
+                    begun[parts] = contact
             last_seen[parts] = float(time[i])
-        if began:
-            before.qpos[:] = qpos[i - 1]
-            before.qvel[:] = qvel[i - 1]
-            backend().mj_fwdPosition(model, before)
-        for parts, contact in began.items():
-            speeds_before = _speeds(model, before, data, contact, geoms_of[parts])
-            speeds_now = _speeds(model, data, data, contact, geoms_of[parts])
-            speed, slide = max(speeds_before, speeds_now)
+        if begun:
+            _put(model, before, qpos[i - 1], qvel[i - 1])
+        for parts, contact in begun.items():
+            geoms = first_geoms[parts]
+            speed, slide = max(
+                _closing_speeds(model, before, now, contact, geoms),
+                _closing_speeds(model, now, now, contact, geoms),
+            )
             if speed > 0.0:
-                events.setdefault(parts, []).append((float(time[i]), speed, slide))
-    return {geoms_of[parts]: rows for parts, rows in events.items()}
+                events.setdefault(parts, []).append(_Touchdown(float(time[i]), speed, slide))
+    return {first_geoms[parts]: of_parts for parts, of_parts in events.items()}
+
+
+def _put(model: Any, data: Any, qpos: Floats, qvel: Floats) -> None:
+    """Put an MjData into a state, (nq,) and (nv,), with its kinematics and contacts."""
+    data.qpos[:] = qpos
+    data.qvel[:] = qvel
+    backend().mj_fwdPosition(model, data)
 
 
 def _moving_first(model: Any, data: Any, kept: set[_Geoms] | None) -> list[_Geoms | None]:
-    """The two geoms of each contact that acts, the body that moves first; None for other contacts."""
+    """The two geoms of each contact, the body that moves first; None for one that does not count.
+
+    kept: two and two, the smaller number first, of which contacts count; None: those of a part that
+    moves with one that does not.
+    """
     contacts = data.contact
     pairs: list[_Geoms | None] = []
     for (a, b), distance, excluded in zip(
@@ -509,17 +556,19 @@ def _moving_first(model: Any, data: Any, kept: set[_Geoms] | None) -> list[_Geom
         if excluded or distance > 0.0 or min(a, b) < 0:
             continue
         a_moves, b_moves = (bool(model.body_weldid[model.geom_bodyid[geom]]) for geom in (a, b))
-        is_asked = a_moves != b_moves if kept is None else _in_order((a, b)) in kept
+        is_asked = a_moves != b_moves if kept is None else _ascending((a, b)) in kept
         if is_asked:
             pairs[-1] = (a, b) if a_moves else (b, a)
     return pairs
 
 
-def _speeds(
+def _closing_speeds(
     model: Any, state: Any, touching: Any, contact: int, geoms: _Geoms
 ) -> tuple[float, float]:
-    """(approach, sliding) speed of the two at a contact of `touching`,
-    m/s, by the velocities of `state`.
+    """(speed at which two geoms close in, at which they slide on each other) at a contact, m/s.
+
+    state: MjData whose velocities count. touching: MjData that has the contact, by its number.
+    geoms: of the contact, the first of which moves.
     """
     point = touching.contact.pos[contact]
     # From the contact's first geom to its second.
@@ -527,6 +576,7 @@ def _speeds(
     sign = 1.0 if int(touching.contact.geom[contact][0]) == geoms[0] else -1.0
     velocity = np.zeros(3)
     jacobian = np.zeros((3, model.nv))
+    # Of the first geom's material at the point, less that of the second's.
     for geom, share in zip(geoms, (1.0, -1.0), strict=True):
         backend().mj_jac(model, state, jacobian, None, point, int(model.geom_bodyid[geom]))
         velocity += share * (jacobian @ state.qvel)
@@ -534,28 +584,29 @@ def _speeds(
     return approach, float(np.linalg.norm(velocity - sign * approach * normal))
 
 
-def _foot(model: Any, geoms: _Geoms, rows: Floats) -> Touchdowns:
-    """Touchdowns of two parts.
+def _foot(model: Any, geoms: _Geoms, events: Sequence[_Touchdown]) -> Touchdowns:
+    """Touchdowns of two parts, one or more, with the band of speeds that their setting holds in.
 
-    rows: (n, 3), time s, speed and slide m/s.
+    geoms: the first two that touched, one of each part.
     """
     promise = promise_in(model, geoms)
     band = None
     if restitution_law(model, geoms) is not None:
         band = _ANY_SPEED
-        words = "plug-in hcbench.restitution"
+        setting = "plug-in hcbench.restitution"
     elif promise is not None:
         band = promise.speeds
-        words = f"{promise.setting} by hcbench: {promise.curve.description}"
+        setting = f"{promise.setting} by hcbench: {promise.curve.description}"
     else:
         solref = contact_in_force(model, *geoms)["solref"]
-        words = "solref " + " ".join(f"{x:.4g}" for x in solref)
+        setting = "solref " + " ".join(f"{x:.4g}" for x in solref)
     part, other = (_geom_or_body_name(model, geom) for geom in geoms)
-    time, speed, slide = rows.T
-    return Touchdowns(part, other, time, speed, slide, band, words)
+    time, speed, slide = np.array(events).T
+    return Touchdowns(part, other, time, speed, slide, band, setting)
 
 
 def _geom_or_body_name(model: Any, geom: int) -> str:
+    """Name of a geom, or of its body where the geom has none."""
     if model.geom(geom).name:
         return geom_name(model, geom)
     return body_name(model, int(model.geom_bodyid[geom]))

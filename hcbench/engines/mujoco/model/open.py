@@ -124,11 +124,9 @@ class LaunchWorkspace:
     """Memory for launches of a model, one at a time: allocating it takes as long as 500 steps.
 
     data: the state under way.
-    seen: the state before the step, which RK4 does not leave in `data`.
-    free: for steps of RK4 without contact.
-    beside: for those without a plug-in's.
-
-    Those without a use are None.
+    seen: the state before the step; it is `data` but under RK4, which leaves another state there.
+    free: for steps of RK4 without contact; None under other integrators.
+    beside: for steps without contact, of pairs that a plug-in's law turns back; None for others.
     """
 
     data: Any

@@ -77,7 +77,9 @@ def _is_for(config: dict[str, str], kind: str, names: set[str]) -> bool:
 
 
 def _configs(model: Any, keys: Sequence[str]) -> Iterator[dict[str, str]]:
-    """The config of each plug-in instance that has as many values as there are keys."""
+    """Yield the config of each plug-in instance of a compiled model that has as many values as
+    there are keys: values by key, "" for those that are not set.
+    """
     starts = model.plugin_attradr.tolist()
     ends = [*starts[1:], model.npluginattr]
     for start, end in zip(starts, ends, strict=True) if starts else ():
@@ -133,6 +135,11 @@ class WithoutContact:
         ):
             return 0.0
         return mass * (apart - together) / float(self._model.opt.timestep)
+
+
+# A geom of the pair's first part counts 1, one of the second 2 and others 0: the two geoms of a
+# contact add up to this only where it is one of the pair.
+BOTH_SIDES = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,8 +212,8 @@ class ContactPair:
     def sides(self) -> NDArray[np.int8]:
         """(ngeom + 1,): 1 for geoms of the first, 2 for the second's, else 0.
 
-        Two of a contact add up to 3 only if it is the pair's. The last is a 0: MuJoCo gives flexes
-        the geom -1, which indexes it.
+        Two of a contact add up to BOTH_SIDES only if it is the pair's. The last is a 0: MuJoCo
+        gives flexes the geom -1, which indexes it.
         """
         sides = np.zeros(self.model.ngeom + 1, dtype=np.int8)
         sides[list(self.first.geoms)] = 1
@@ -266,9 +273,7 @@ class ContactPair:
         sides = self.sides
         acting = []
         for number, (a, b) in enumerate(contacts.geom.tolist()):
-            # A geom of the first part counts 1 and one of the second 2, so
-            # only one of each add up to 3.
-            is_of_pair = sides[a] + sides[b] == 3
+            is_of_pair = sides[a] + sides[b] == BOTH_SIDES
             if is_of_pair and not contacts.exclude[number]:
                 acting.append(number)
         if not acting:

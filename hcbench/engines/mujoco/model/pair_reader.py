@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.pair import BOTH_SIDES
 from hcbench.engines.mujoco.model.place import PairAtTouch
 from hcbench.sim.model_under_test import Vector
 from hcbench.sim.tangential import plate_frame
@@ -245,14 +246,28 @@ class PairReader:
         if not self._mine:
             return None, 0.0, self._dot(self.row(data), velocity)
         distances = contacts.dist.tolist()
+        distance = min(distances[i] for i, _, _ in self._mine)
+        force, parting = self._force_and_parting(data, contacts)
+        self._unread = self._mine, contacts.pos.copy(), contacts.frame.copy(), distance
+        if self.along is not None:
+            self.along.seen(data)
+        penetration = self.place.contact.onset - distance
+        if parting is not None:
+            return penetration, force, -parting
+        return penetration, force, self._dot(self.row(data), velocity)
+
+    def _force_and_parting(self, data: Any, contacts: Any) -> tuple[float, float | None]:
+        """(force of the pair's contacts together, N; mean rate at which they part, m/s, None where
+        none of them has a constraint row) in the state that `data` has forces of.
+
+        contacts: those of `data`. The friction of each goes to `along`.
+        """
         addresses = contacts.efc_address.tolist()
         rates = data.efc_vel
-        distance = math.inf
         force = 0.0
         parting = 0.0
         acting = 0
         for i, turned, is_pyramid in self._mine:
-            distance = min(distance, distances[i])
             address = addresses[i]
             # A contact without a constraint row has no force.
             if address < 0:
@@ -267,13 +282,7 @@ class PairReader:
             acting += 1
             if self.along is not None:
                 self.along.push(contacts.frame[i], self._wrench, turned)
-        self._unread = self._mine, contacts.pos.copy(), contacts.frame.copy(), distance
-        if self.along is not None:
-            self.along.seen(data)
-        penetration = self.place.contact.onset - distance
-        if acting:
-            return penetration, force, -parting / acting
-        return penetration, force, self._dot(self.row(data), velocity)
+        return force, parting / acting if acting else None
 
     def _find_pair(self, geoms: list[list[int]], dims: list[int]) -> None:
         """Find the pair's contacts among all, into `_mine`; kept until other geoms touch.
@@ -285,8 +294,7 @@ class PairReader:
         self._geoms = geoms
         self._mine = []
         for i, (a, b) in enumerate(geoms):
-            # A geom of the first counts 1, one of the second 2: only one of each add up to 3.
-            if sides[a] + sides[b] == 3:
+            if sides[a] + sides[b] == BOTH_SIDES:
                 is_turned = bool(sides[a] == 2)
                 is_pyramid = self._pyramid and dims[i] > 1
                 self._mine.append((i, is_turned, is_pyramid))
@@ -332,7 +340,7 @@ class PairReader:
         geoms = data.contact.geom
         # A geom of -1 is none: the contact is that of a flex.
         acting = (data.contact.efc_address >= 0) & (geoms.min(axis=1) >= 0)
-        geoms = geoms[acting & (sides[geoms].sum(axis=1) != 3)]
+        geoms = geoms[acting & (sides[geoms].sum(axis=1) != BOTH_SIDES)]
         inside = in_tree[geoms]
         one_is_inside = inside.any(axis=1)[:, None]
         both_are_inside = inside.all(axis=1)[:, None]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
-from hcbench.engines.mujoco.model.bodies import effective_mass, geom_name, response
+from hcbench.engines.mujoco.model.bodies import FREE_DOFS, effective_mass, geom_name, response
 from hcbench.engines.mujoco.model.find_pair import (
     MovingJoint,
     chosen_joint,
@@ -16,7 +17,7 @@ from hcbench.engines.mujoco.model.find_pair import (
     moving_joints,
     no_contact_error,
 )
-from hcbench.engines.mujoco.model.pair import ContactPair, Nearest, PairContact
+from hcbench.engines.mujoco.model.pair import BOTH_SIDES, ContactPair, Nearest, PairContact
 from hcbench.engines.mujoco.model.start_pose import MOVED, require_joints_within_limits
 from hcbench.engines.mujoco.model.touch_search import TouchSearch, swing, swing_to_touch
 from hcbench.sim.model_under_test import Vector
@@ -30,8 +31,6 @@ from hcbench.terms.impact import Floats
 ABOVE: Vector = (0.0, 0.0, 1.0)
 # Depth, m, up to which a robot may stand in the floor at the start and is raised.
 _RAISED = 0.1
-# Degrees of freedom of a free body: a robot has joints besides.
-_BASE_DOFS = 6
 # Gap, m, at the end of a way from which the two have passed each other.
 _MISSED = 1e-6
 
@@ -108,18 +107,17 @@ def bring_to_touch(
     near = pair.nearest(data)
     pair = pair.narrowed(near.geoms)
     require_joints_within_limits(model, data, (pair.first.body, pair.second.body))
-    overlap = 0.0
     if not np.isfinite(near.distance):
         names = f"{pair.first.name!r} to {pair.second.name!r}"
         raise UserError("pair", f"no distance from {names} is known", "two solid geoms")
     if coming_from is not None:
         return _from_there(pair, data, coming_from, move)
+    overlap = 0.0
+    # A distance to a height field is rough: it does not tell an overlap.
     if pair.height_field < 0:
         overlap = max(0.0, -float(near.distance))
         near = _raised(pair, data, near)
-        base = _free_base(pair)
-        is_deep = near.distance < -DEEPEST * pair.size
-        if is_deep and base is not None and _is_alone(pair, base):
+        if near.distance < -DEEPEST * pair.size and _is_loose(pair):
             said = f"{pair.first.name!r} starts {-near.distance:.3g} m inside {pair.second.name!r}"
             above = _from_there(pair, data, ABOVE, move)
             return replace(above, note=f"{said}: met from above.")
@@ -128,10 +126,28 @@ def bring_to_touch(
     if not near.normal.any():
         near = near._replace(normal=_guess_normal(pair, data))
     row = pair.approach_row(data, near.point, near.normal)
+    return _by_some_joint(pair, data, _joints(pair, move), row, overlap)
+
+
+def _by_some_joint(
+    pair: ContactPair,
+    data: Any,
+    movers: Sequence[tuple[ContactPair, MovingJoint]],
+    row: Floats,
+    overlap: float,
+) -> PairAtTouch:
+    """The two brought together the nearest way, by the first of the movers that leads there.
+
+    data: MjData at the start, and again when this returns.
+    movers: (pair with the moving part first, mover).
+    row: (nv,), Jacobian of the approach rate along the line between them.
+    overlap: of the two at the start, m.
+
+    Raises the UserError of the mover that says most, where none leads there.
+    """
     # A miss goes first: it says more than what else is in the way.
     errors: list[UserError] = []
-    joints = _joints(pair, move)
-    for ordered, joint in joints:
+    for ordered, joint in movers:
         try:
             placed = _along_nearest(ordered, data, joint, row, overlap)
         except _PassedError as error:
@@ -143,7 +159,7 @@ def bring_to_touch(
                 return placed
     if errors:
         raise errors[0]
-    if any(not joint.turns for _, joint in joints):
+    if any(not joint.turns for _, joint in movers):
         got = f"{pair.first.name!r} and {pair.second.name!r} slide past each other: no joint moves one"
         raise UserError("pair", f"{got} towards the other", "a joint along their common normal")
     raise immobile_error(pair)
@@ -177,11 +193,17 @@ def _free_base(pair: ContactPair) -> MovingJoint | None:
     return base
 
 
+def _is_loose(pair: ContactPair) -> bool:
+    """Say whether the first part is on a free joint, and nothing hangs on its body by a joint."""
+    base = _free_base(pair)
+    return base is not None and _is_alone(pair, base)
+
+
 def _is_alone(pair: ContactPair, base: MovingJoint) -> bool:
     """Say whether nothing hangs by a joint on the body that a free base carries."""
     model = pair.model
     tree = model.body_rootid[model.dof_bodyid] == model.body_rootid[base.body]
-    return int(tree.sum()) <= _BASE_DOFS
+    return int(tree.sum()) <= FREE_DOFS
 
 
 class _PassedError(UserError):
@@ -455,7 +477,11 @@ def _require_room(pair: ContactPair, data: Any) -> None:
     for contact in data.contact:
         one, other = contact.geom.tolist()
         # A geom of -1 is none: the contact is that of a flex.
-        if min(one, other) < 0 or contact.exclude or pair.sides[one] + pair.sides[other] == 3:
+        if (
+            min(one, other) < 0
+            or contact.exclude
+            or pair.sides[one] + pair.sides[other] == BOTH_SIDES
+        ):
             continue
         if moves[one] == moves[other]:
             continue

@@ -27,9 +27,11 @@ if TYPE_CHECKING:
 
 
 def promise_lines(pairs: Iterable[Pair], promise: Promise) -> str:
-    """The <custom> section of these pairs, to paste; "" for a target that a text cannot say.
+    """The <custom> section that states a promise for some pairs, to paste; "" for a target that a
+    text cannot say.
 
-    pairs: names of two geoms each. promise: the one promise of all of them.
+    pairs: names of two geoms each. promise: the one promise of all of them. `promise_in` reads it
+    again.
     """
     if not promise.text:
         return ""

@@ -1,24 +1,36 @@
-"""Searches contacts of a robot's feet for a rebound of its centre of mass, by drops of the robot."""
+"""Searches contacts of a robot's feet for a rebound of its centre of mass, by drops of the robot.
+
+All feet have one contact: a damped spring, whose rebound is smooth in frequency and damping.
+"""
 
 from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.bodies import explicit_pairs
 from hcbench.engines.mujoco.model.drop_test import DropBench
-from hcbench.engines.mujoco.model.foot_contact import (
-    FootContact,
-    foot_geoms,
-    set_contact,
-    write_contact,
-)
+from hcbench.engines.mujoco.model.find_pair import named_pair
 from hcbench.engines.mujoco.model.open import load
 from hcbench.engines.mujoco.model.under_test import MujocoModel
-from hcbench.engines.mujoco.model.write_pairs import label_of, spec_of, texts_of
+from hcbench.engines.mujoco.model.write_pairs import (
+    Written,
+    colliding_geoms,
+    contact_text,
+    elliptic_option,
+    friction_values,
+    label_of,
+    name_geoms,
+    set_pair,
+    spec_of,
+    taken_pairs,
+    texts_of,
+)
 from hcbench.sim.landing import DROPS, REBOUNDS, DropTest, ReboundSettings
 from hcbench.sim.model_under_test import ModelSetting, Texts
 
@@ -27,6 +39,117 @@ if TYPE_CHECKING:
 
     from hcbench.sim.model_under_test import ModelUnderTest, Output, Request
     from hcbench.sim.promise import Promise
+
+    Geoms = tuple[int, int]
+
+# MuJoCo's own impedance: with it solref alone makes the contact.
+SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
+# MuJoCo raises a shorter time constant to so many steps.
+_LEAST_STEPS = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class FootContact:
+    """A contact in the coordinates in which the rebound of a robot is smooth.
+
+    frequency: w = 1/(timeconst dampratio), rad/s. damping: ζ, the dampratio. impratio: of the whole
+    model, with elliptic cones; 0 for the model's own cone and impratio.
+    """
+
+    frequency: float
+    damping: float
+    impratio: float = 0.0
+
+    @property
+    def solref(self) -> tuple[float, float]:
+        """MuJoCo's timeconst, s, and dampratio, in the digits that are written."""
+        return (
+            float(f"{1.0 / (self.frequency * self.damping):.5g}"),
+            float(f"{self.damping:.5g}"),
+        )
+
+    def is_kept(self, timestep: float) -> bool:
+        """Say whether MuJoCo keeps the time constant at a step, s."""
+        return self.solref[0] >= _LEAST_STEPS * timestep
+
+
+def foot_geoms(model: Any, requests: Sequence[Request]) -> list[Geoms]:
+    """All pairs of geoms of the pairs of the requests that MuJoCo collides.
+
+    Raises UserError for more than can be written.
+    """
+    pairs = []
+    for request in requests:
+        assert request.pair is not None
+        pairs.append(named_pair(model, request.pair))
+    return colliding_geoms(model, pairs)
+
+
+def set_contact(model: Any, plain: Any, geoms: Sequence[Geoms], contact: FootContact) -> None:
+    """Write a contact of the feet into the <pair>s of geoms in a compiled model, and its cone and
+    impratio into the model's options.
+
+    model: changed. plain: the model as it is, whose cone and impratio hold where the contact has
+    none. geoms: numbers, two and two.
+    """
+    for both in geoms:
+        for number in explicit_pairs(model, both):
+            model.pair_solref[number] = contact.solref
+            model.pair_solimp[number] = SOLIMP
+    model.opt.cone = plain.opt.cone
+    model.opt.impratio = plain.opt.impratio
+    if contact.impratio:
+        model.opt.cone = int(backend().mjtCone.mjCONE_ELLIPTIC)
+        model.opt.impratio = contact.impratio
+
+
+def write_contact(source: Any, requests: Sequence[Request], contact: FootContact) -> Written:
+    """The model of a source with the contact in <pair>s of all feet, in a spec of its own;
+    friction, condim and margin stay.
+
+    source: a file, MJCF text or an MjSpec. Raises UserError for a source that cannot be written,
+    for unknown pairs and for too many geoms.
+    """
+    spec = spec_of(source)
+    model = spec.compile()
+    geoms = foot_geoms(model, requests)
+    notes: list[str] = []
+    names = name_geoms(spec, model, geoms, notes)
+    own = not notes and not taken_pairs(model, geoms)
+    lines = []
+    for one, other in geoms:
+        both = (names[one], names[other])
+        known = [pair for pair in spec.pairs if {pair.geomname1, pair.geomname2} == set(both)]
+        values: dict[str, Any] = {"solref": list(contact.solref), "solimp": list(SOLIMP)}
+        if not known:
+            values |= friction_values(model, (one, other))
+            if model.geom_margin[[one, other]].any():
+                values |= {"margin": _onset(model, one, other), "gap": 0.0}
+        elements = known or [spec.add_pair(geomname1=both[0], geomname2=both[1])]
+        lines += [set_pair(element, both, values) for element in elements]
+    option = ""
+    if contact.impratio:
+        option = elliptic_option(spec, contact.impratio, "feet slip less", notes)
+    return Written(spec, contact_text(option, lines), notes, names, own)
+
+
+def _onset(model: Any, one: int, other: int) -> float:
+    """Distance from which the contact of two geoms acts, m.
+
+    Versions of MuJoCo join margins and gaps in different ways: two spheres with those show it.
+    """
+    spec = backend().MjSpec()
+    for geom in (one, other):
+        body = spec.worldbody.add_body()
+        body.add_freejoint()
+        margin = float(model.geom_margin[geom])
+        gap = float(model.geom_gap[geom])
+        body.add_geom(type=backend().mjtGeom.mjGEOM_SPHERE, size=[1, 0, 0], margin=margin, gap=gap)
+    compiled = spec.compile()
+    data = backend().MjData(compiled)
+    backend().mj_forward(compiled, data)
+    return float(data.contact.includemargin[0])
+
 
 # Contacts that are tried: frequencies from that of a body which stops within the depth allowed, and
 # up to this share of 1/h; and dampings.
@@ -56,12 +179,18 @@ _ITERATIONS = 20
 class ReboundSearch:
     """Contacts of the feet of a robot, tried in drops of it.
 
-    before: the whole test of the model as it is. target: rebound, m.
+    source: a file, MJCF text or an MjSpec. requests: of the feet's pairs. before: the whole test of
+    the model as it is. target: rebound, m; 0 for none.
+    A short drop ends soon after the touch: it tells the rebound, and not how the robot comes to
+    rest.
+
+    Raises UserError for a robot that cannot be dropped or a model that cannot be written.
     """
 
     def __init__(
         self, source: Any, requests: Sequence[Request], before: DropTest, target: float
     ) -> None:
+        """Write a contact into a copy of the model, and drop the model as it is by the short drops."""
         self.before = before
         self.target = target
         self.plain = spec_of(source).compile()
@@ -77,7 +206,9 @@ class ReboundSearch:
         self._untuned = DropBench(spec_of(source), label, requests).test(self._short, REBOUNDS)
 
     def contacts(self) -> Iterator[FootContact]:
-        """Contacts with the rebound in short drops, the most promising first."""
+        """Contacts with the rebound in short drops, and with no worse first long drops, the most
+        promising first; each with the model's own cone and with an elliptic one.
+        """
         met = []
         for row in self._grid():
             met += self._meeting(row)
@@ -97,7 +228,9 @@ class ReboundSearch:
                 yield from dict.fromkeys([self._least_damped(contact), contact])
 
     def _least_damped(self, contact: FootContact) -> FootContact:
-        """The contact with as little damping as the drops allow, down to the next of the grid."""
+        """The contact with as little damping as the drops allow, down to the next of the grid: by
+        halving the interval of damping _REFINED times.
+        """
         lower = max((one for one in _DAMPINGS if one < contact.damping), default=contact.damping)
         for _ in range(_REFINED):
             middle = replace(contact, damping=math.sqrt(contact.damping * lower))
@@ -113,7 +246,12 @@ class ReboundSearch:
         return tuple(self._with_stiffer_servos())
 
     def _grid(self) -> list[list[FootContact]]:
-        """Contacts by frequency, from the damped ones on."""
+        """Contacts to try: a list for each frequency, rising, in each the most damped first.
+
+        The lowest frequency is that of a body which stops within the depth allowed: a spring of
+        frequency w stops a speed v within v/w. MuJoCo does not keep a time constant below two
+        steps: such contacts are left out.
+        """
         h = self.bench.timestep
         deepest = max(1.2 * self.before.depth, self.before.depth + 5e-4)
         speed = math.sqrt(2.0 * self.bench.gravity * REBOUNDS[0].height)
@@ -140,7 +278,12 @@ class ReboundSearch:
         return self._tried[contact]
 
     def _meeting(self, row: Sequence[FootContact]) -> list[FootContact]:
-        """Contacts of one frequency that meet the target and are not worse."""
+        """Contacts of one frequency that have the target's rebound in short drops, and nothing
+        worse.
+
+        row: of one frequency, the most damped first. Between two neighbours whose rebounds are
+        below and above the target one is looked for.
+        """
         if not self.target:
             return [contact for contact in row if self._is_met(contact)]
         met = []
@@ -152,8 +295,11 @@ class ReboundSearch:
         return met
 
     def _between(self, above: FootContact, below: FootContact) -> FootContact:
-        """The contact of one frequency with the rebound of the target, between two dampings of which
-        one has less and one has more.
+        """The contact of one frequency whose rebound is that of the target, to a share of _NEAR, by
+        halving the interval of damping.
+
+        above, below: two contacts of the frequency, one with less rebound than the target, one with
+        more.
         """
         middle = above
         for _ in range(_HALVINGS):
@@ -189,7 +335,11 @@ class ReboundSearch:
         return not any(list(test.worse_than(self.before, self.target)) for test in tests)
 
     def _with_stiffer_servos(self) -> Iterator[tuple[float, float]]:
-        """(factor of kp, largest rebound, m) until the target is in reach."""
+        """(factor of kp, largest rebound of contacts that are not worse in short drops, m) of
+        stiffer servos, until the target is in reach; nothing without servos.
+
+        The model's gains are as they were afterwards.
+        """
         model = self.bench.model
         gains = model.actuator_gainprm.copy()
         biases = model.actuator_biasprm.copy()
@@ -245,7 +395,11 @@ def rebound_settings(
 
 
 def _setting(source: Any, requests: Sequence[Request], contact: FootContact) -> ModelSetting:
-    """A contact as a setting of a user's model."""
+    """A contact of the feet as a setting of a user's model: notes, the model under a request, and
+    its text.
+
+    source, requests: as of `rebound_settings`; errors of `write_contact`.
+    """
     made = write_contact(source, requests, contact)
     notes = [
         *made.notes,

@@ -134,7 +134,9 @@ class RowSearch:
         was: Standing,
         set_rows: Callable[[Any, Rows], None],
     ) -> None:
-        """Compile the model with sensors, and lay out the launches that each try takes."""
+        """Compile the model with sensors, and lay out the launches that each try takes; arguments
+        are those of the class.
+        """
         sensor_of = _add_distance_sensors(spec, opened)
         self._opened = opened
         self._goal = goal

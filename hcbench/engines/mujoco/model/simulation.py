@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -22,9 +22,22 @@ if TYPE_CHECKING:
     from hcbench.sim.world import Flags
     from hcbench.terms.impact import Floats, Launch
 
-# Depth, rate and force of a step; the rate after it without contact, RK4 near a touch only, else
-# NaN; what `Record.tangential` has, oblique launches only.
-_Step = tuple[float, float, float, float, "Floats | None"]
+
+class _Step(NamedTuple):
+    """One step as it is read, SI: numbers of the state before it.
+
+    penetration, m; rate of it, m/s; force: of the pair's contact, N.
+    free_rate: the rate after the step, had no contact acted in it; NaN but under RK4 near a touch.
+    along: motion along the plate, (8,), as `MujocoAlongPlate.row` gives it; None but for oblique
+    launches.
+    """
+
+    penetration: float
+    rate: float
+    force: float
+    free_rate: float
+    along: Floats | None
+
 
 # Distances are looked at without a contact within so many steps of the way to the touch plane.
 NEAR = 4.0
@@ -52,55 +65,66 @@ class MujocoFlight:
         Raises UserError where an oblique launch asks for a motion that the joints cannot make, or
         for a direction that is not along the plate.
         """
-        mujoco = backend()
-        model = opened.model
-        data = space.data
-        place = opened.place
-        self._mujoco = mujoco
+        self._mujoco = backend()
         self._opened = opened
         self._space = space
-        self._place = place
-        self._model = model
-        self._data = data
+        self._place = opened.place
+        self._model = opened.model
+        # The state under way, and that before a step; one object but under RK4.
+        self._data = space.data
         self._seen = space.seen
-        self._h = float(model.opt.timestep)
-        mujoco.mj_copyData(data, model, opened.start)
-        clearance = launch.clearance_in_phase(self._h, opened.gravity)
-        data.qpos[:] = place.qpos
-        mujoco.mj_integratePos(model, data.qpos, place.direction, -clearance)
-        data.qvel[:] = launch.speed * place.direction
-        data.time = 0.0
-        forget_resets(data)
-
-        self._along = None
-        if launch.is_oblique:
-            self._along = MujocoAlongPlate(place, launch, opened.request.along)
-            self._along.send(data, launch.flight_time(self._h, opened.gravity))
-        self._before = np.empty(model.nv)
-        self._velocity = data.qvel
-        self._begin_reading()
-        self._beside = space.beside
+        self._h = float(self._model.opt.timestep)
+        # Under RK4 a step is read once the one after it is known.
         self._staged = space.free is not None
-        # Under RK4 a step waits for the one after it.
         self._last: _Step | None = None
         self._noise = _STAGE_NOISE
+        # The same step without a contact, where a plug-in's law turns the pair back.
+        self._beside = space.beside
 
-        # After the last step: penetration, rate, and how far the launch has come.
+        clearance = launch.clearance_in_phase(self._h, opened.gravity)
+        self._along = self._put_at_release(launch, clearance)
+        self._before = np.empty(self._model.nv)
+        # A view that follows the state.
+        self._velocity = self._data.qvel
+        self._begin_reading()
+
+        # After the last step: penetration, m, its rate, m/s, and how far the launch has come.
         self._x = -clearance
         self._rate = launch.speed
         self._touched = False
         self._steps = 0
 
         self._causes = None
-        if place.pair.more_than_contacts and not self._staged:
-            self._causes = SpeedShares(model, place.pair.sides)
+        if self._place.pair.more_than_contacts and not self._staged:
+            self._causes = SpeedShares(self._model, self._place.pair.sides)
         self._looks_further = self._staged or self._along is not None or self._causes is not None
         self._touch_speed = math.nan
         # True from where the motion does not belong to the impact any more.
         self._apart = False
         # Geoms that touched the two, and the step in which each did so first.
         self._first_touch: dict[int, int] = {}
-        self._state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
+        whole = self._mujoco.mjtState.mjSTATE_INTEGRATION
+        self._state = np.empty(self._mujoco.mj_stateSize(self._model, whole))
+
+    def _put_at_release(self, launch: Launch, clearance: float) -> MujocoAlongPlate | None:
+        """Put `_data` where the launch begins; return the reader along the plate of an oblique one.
+
+        clearance: from the touch, m, along the motion that leads there. Errors are `__init__`'s.
+        """
+        mujoco = self._mujoco
+        data = self._data
+        place = self._place
+        mujoco.mj_copyData(data, self._model, self._opened.start)
+        data.qpos[:] = place.qpos
+        mujoco.mj_integratePos(self._model, data.qpos, place.direction, -clearance)
+        data.qvel[:] = launch.speed * place.direction
+        data.time = 0.0
+        forget_resets(data)
+        if not launch.is_oblique:
+            return None
+        along = MujocoAlongPlate(place, launch, self._opened.request.along)
+        along.send(data, launch.flight_time(self._h, self._opened.gravity))
+        return along
 
     def _begin_reading(self) -> None:
         """Make the reader of the pair, which begins with the contact at touch."""
@@ -156,14 +180,14 @@ class MujocoFlight:
                     continue
                 row = self._with_hidden_force(last, row)
             rows.append(row)
-            x, rate, force, _, _ = row
-            if not math.isfinite(rate):
+            if not math.isfinite(row.rate):
                 break
-            if after is None or force != 0.0 or rate >= 0.0:
+            if after is None or row.force != 0.0 or row.rate >= 0.0:
                 continue
+            # It moves apart without a force: it turned back, or has parted.
             if not self._touched:
                 break
-            if x <= 0.0:
+            if row.penetration <= 0.0:
                 steps = min(steps, len(rows) + after)
                 after = None
         depths, rates, forces, _, along = zip(*rows, strict=True)
@@ -208,10 +232,8 @@ class MujocoFlight:
             most |= shares
 
     def _step(self) -> _Step:
-        """Take one step, and read the pair in the state before it; NaN where MuJoCo reset it.
-
-        Penetration m, approach rate m/s and force N are those of the state before the step. See
-        `_Step` for the other two.
+        """Take one step, and read the pair in the state before it; all NaN where MuJoCo reset the
+        state.
         """
         data = self._data
         seen = self._seen
@@ -229,7 +251,7 @@ class MujocoFlight:
         # MuJoCo sets the time back where it resets an unstable state.
         if data.time <= time_before or (self._steps == 1 and resets(data)):
             unknown = None if self._along is None else np.full(TANGENTIAL_ROWS, math.nan)
-            return math.nan, math.nan, math.nan, math.nan, unknown
+            return _Step(math.nan, math.nan, math.nan, math.nan, unknown)
         x, force, rate = reader.read(seen, before)
         if x is not None:
             force = self._force(force, seen)
@@ -246,7 +268,7 @@ class MujocoFlight:
                 self._first_touch.setdefault(geom, self._steps - 1)
         self._x = x
         self._rate = rate
-        return x, rate, force, free, along
+        return _Step(x, rate, force, free, along)
 
     def _look_further(self, x: float, rate: float, force: float) -> tuple[float, Floats | None]:
         """Read (approach rate after the step without contact, row along the plate) of a step.
@@ -311,7 +333,11 @@ class MujocoFlight:
         )
 
     def _rate_without_contact(self) -> float:
-        """The approach rate after the step from the state in `_seen`, had no contact acted in it."""
+        """The approach rate, m/s, after the step from the state in `_seen`, had no contact acted in
+        it.
+
+        The step is taken in `_space.free`, with contacts off in the model meanwhile.
+        """
         model = self._model
         data = self._space.free
         copy_state(model, self._seen, data)
@@ -331,16 +357,14 @@ class MujocoFlight:
         """
         # A stage of RK4 may touch although the states at both ends of the step do not: the solver
         # reports no force then, but the change of the rate shows one.
-        x, rate, force, free, along = step
-        _, rate_after, _, _, _ = after
-        if force != 0.0 or math.isnan(free):
+        if step.force != 0.0 or math.isnan(step.free_rate):
             return step
-        mean = (free - rate_after) / self._h
-        noise = self._noise * max(abs(rate), abs(rate_after)) / self._h
-        if not abs(mean) > noise:
+        acceleration = (step.free_rate - after.rate) / self._h
+        noise = self._noise * max(abs(step.rate), abs(after.rate)) / self._h
+        if not abs(acceleration) > noise:
             return step
         self._touched = True
-        return x, rate, self._place.effective_mass * mean, free, along
+        return step._replace(force=self._place.effective_mass * acceleration)
 
 
 Flight = TypeVar("Flight", bound=MujocoFlight)
@@ -362,7 +386,9 @@ class Flights(Simulation, Generic[Flight]):
         return self._flights[launch].note(steps)
 
     def side_by_side(self, records: Sequence[Record]) -> Record:
-        """Join records of one launch each, (launches, longest); NaN after the end of a launch."""
+        """Join records of one launch each, (1, n) of any n, into one of (launches, longest n); NaN
+        after the end of a shorter launch.
+        """
         longest = max(record.force.shape[1] for record in records)
         seen = np.full((3 + TANGENTIAL_ROWS * self._looks_along, len(records), longest), np.nan)
         for i, record in enumerate(records):
@@ -389,7 +415,9 @@ class MujocoUserSimulation(Flights[MujocoFlight]):
         self._after = after
 
     def advance(self, steps: int) -> Record:
-        """Take the steps of each launch."""
+        """Take up to `steps` steps of each launch, one launch after the other; see
+        `MujocoFlight.advance`.
+        """
         records = []
         for flight in self._flights:
             if flight is not self._inside:

@@ -44,6 +44,7 @@ class SpeedShares:
     """
 
     def __init__(self, model: Any, sides: NDArray[np.int8]) -> None:
+        """Begin at zero; arguments are those of the class."""
         self._model = model
         self._sides = sides
         self._h = float(model.opt.timestep)
@@ -116,7 +117,8 @@ class SpeedShares:
         return np.asarray(np.cumsum(np.vstack([self._taken, -self._h * parts]), axis=0)[-1])
 
     def _by_constraint(self, data: Any, moved: Floats) -> list[float]:
-        """Acceleration of the approach, m/s², by each of the first five of NAMES.
+        """Acceleration of the approach, m/s², by each of the first five of NAMES: the pair's
+        contact, other contacts, limits, equalities and friction in joints.
 
         data: MjData with the constraints of the state.
         moved: M^-1 J^T, (nv,), the motion by a unit push at the contact.

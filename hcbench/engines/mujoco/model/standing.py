@@ -1,4 +1,6 @@
-"""Rest, slope and grasp of a user's MuJoCo model, and the cost of a step: measured in plain steps."""
+"""A pair at rest in a user's MuJoCo model, measured in plain steps: on the level, on a slope, in a grasp
+and under loads; and the cost of a step.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +13,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
+from hcbench.engines.mujoco.model.bodies import effective_mass
+from hcbench.engines.mujoco.model.pair import BOTH_SIDES
 from hcbench.engines.mujoco.model.pair_reader import MujocoAlongPlate
-from hcbench.sim.loads import slope_of
+from hcbench.sim.loads import (
+    LAST,
+    LOADS,
+    PRESSED_S,
+    PRESSED_STEPS,
+    PUSHED_STEPS,
+    BorneLoad,
+    Carried,
+    borne,
+    creep_of,
+    push_of,
+    rests,
+    slope_of,
+)
 from hcbench.sim.rest import DIVERGED, Rest, Standing, rest_of
 from hcbench.system.errors import UserError
 from hcbench.terms.impact import Launch
@@ -46,7 +63,11 @@ _SLIDES_S = 1.0
 
 
 def standing(opened: Sequence[OpenedModel]) -> Standing:
-    """Measure how pairs of one model stand, each at touch."""
+    """Measure how pairs of one model stand, each at touch; NaN for what it has not.
+
+    Level, slope and cost are of the first pair, if its second part stands still; the grasp is of
+    the first two that hold one body from both sides, the hop the highest of loose bodies that slide.
+    """
     first = opened[0]
     held = [pair for pair in itertools.combinations(opened, 2) if _is_grasp(*pair)]
     level = slope = Rest(*[math.nan] * 4)
@@ -80,13 +101,18 @@ def rest_on_slope(opened: OpenedModel, data: Any) -> tuple[float, Rest]:
 
 def rest_of_pair(opened: OpenedModel) -> Rest | None:
     """Rest of the pair from its start, if it touches there, like a held body and its finger, or
-    else from the touch; None if nothing holds the two together.
+    else from the touch; None if nothing holds the two together, DIVERGED where the state is not
+    finite.
     """
     return laid_down(opened)[0]
 
 
 def laid_down(opened: OpenedModel) -> tuple[Rest | None, Any]:
-    """(`rest_of_pair`, the state at its end)."""
+    """(rest of the pair, see `rest_of_pair`; MjData at its end).
+
+    The pair rests in its start if it touches there; else it is laid down at touch, if gravity
+    presses the two together.
+    """
     data = copy.copy(opened.start)
     place = opened.place
     data.time = 0.0
@@ -105,18 +131,20 @@ def laid_down(opened: OpenedModel) -> tuple[Rest | None, Any]:
 
 
 def _touches(opened: OpenedModel, data: Any) -> bool:
-    return bool((opened.place.pair.sides[data.contact.geom].sum(axis=1) == 3).any())
+    """Say whether `data` has a contact of the pair, by the sides of its geoms."""
+    return bool((opened.place.pair.sides[data.contact.geom].sum(axis=1) == BOTH_SIDES).any())
 
 
 def _at_touch(opened: OpenedModel) -> Any:
+    """A new MjData at the start, with the pair brought to touch."""
     data = copy.copy(opened.start)
     data.qpos[:] = opened.place.qpos
     return data
 
 
 def _tilted(opened: OpenedModel, angle: float) -> Floats:
-    """Gravity, m/s², (3,), turned by an angle, rad, towards the first
-    axis across it; 0 without gravity.
+    """Gravity, m/s², (3,), of the model turned by an angle, rad, from its direction towards the
+    axis of the world that is most across it; 0 without gravity.
     """
     gravity = np.array(opened.model.opt.gravity)
     size = float(np.linalg.norm(gravity))
@@ -133,39 +161,26 @@ def _tilted(opened: OpenedModel, angle: float) -> Floats:
 def _rest(
     opened: OpenedModel, data: Any, gravity: Floats | None = None, from_body: int = 0
 ) -> Rest:
-    """Rest of the pair at the end of a while, from a state that is moved on.
+    """Rest of the pair in the second half of _SECONDS, from a state that is moved on; DIVERGED
+    where it ends in numbers that are not finite.
 
-    gravity: m/s²; None: the model's.
-    from_body: the body whose motion does not count.
+    gravity: m/s², (3,); None: the model's, which holds again afterwards.
+    from_body: number of the body whose motion does not count, such as that of a hand; 0: the world.
     """
-    mujoco = backend()
     model = opened.model
     timestep = model.opt.timestep
-    body = opened.place.pair.first.body
-    normal = opened.place.contact.normal
     steps = min(_MOST_STEPS, round(_SECONDS / timestep))
     settling = steps // 2
-    count = steps - settling
-    path = np.zeros((count, 5))
-    position = path[:, :3]  # m
-    force = path[:, 3]  # N
-    depth = path[:, 4]  # m
     gravity_before = np.array(model.opt.gravity)
     if gravity is not None:
         model.opt.gravity[:] = gravity
-    mujoco.mj_step(model, data, nstep=settling)
-    sides = opened.place.pair.sides.tolist()
-    # Views of the state: tens of thousands of steps are taken here.
-    place = data.xpos[body]
-    origin = data.xpos[from_body]
-    for i in range(count):
-        mujoco.mj_step(model, data)
-        np.subtract(place, origin, out=position[i])
-        force[i], depth[i] = force_and_depth(opened, data, sides)
+    backend().mj_step(model, data, nstep=settling)
+    position, force, depth = _followed(opened, data, steps - settling, from_body)
     model.opt.gravity[:] = gravity_before
-    if not np.isfinite(path).all():
+    if not all(np.isfinite(column).all() for column in (position, force, depth)):
         return DIVERGED
-    moment = np.arange(count) * timestep
+    normal = opened.place.contact.normal
+    moment = np.arange(len(force)) * timestep
     height = position @ normal
     rate = np.gradient(height, timestep)
     moved = position
@@ -175,13 +190,37 @@ def _rest(
     return rest_of(moment, depth, rate, force, moved)
 
 
+def _followed(
+    opened: OpenedModel, data: Any, steps: int, from_body: int
+) -> tuple[Floats, Floats, Floats]:
+    """(place of the moving body from another, m, (n, 3); force of the contact, N, (n,); penetration,
+    m, (n,)) after each of n steps, which `data` is moved on by.
+
+    from_body: number of that other body.
+    """
+    position = np.zeros((steps, 3))
+    force = np.zeros(steps)
+    depth = np.zeros(steps)
+    sides = opened.place.pair.sides.tolist()
+    # Views of the state: tens of thousands of steps are taken here.
+    place = data.xpos[opened.place.pair.first.body]
+    origin = data.xpos[from_body]
+    for i in range(steps):
+        backend().mj_step(opened.model, data)
+        np.subtract(place, origin, out=position[i])
+        force[i], depth[i] = force_and_depth(opened, data, sides)
+    return position, force, depth
+
+
 def force_and_depth(opened: OpenedModel, data: Any, sides: Sequence[int]) -> tuple[float, float]:
     """Force of the pair's contact, N, and penetration at its deepest point, m; 0 without one.
 
     sides: of each geom, as a list: of a few contacts NumPy would take ten times as long.
     """
     contacts = data.contact
-    of_pair = [i for i, (a, b) in enumerate(contacts.geom.tolist()) if sides[a] + sides[b] == 3]
+    of_pair = [
+        i for i, (a, b) in enumerate(contacts.geom.tolist()) if sides[a] + sides[b] == BOTH_SIDES
+    ]
     if not of_pair:
         return 0.0, 0.0
     distances = contacts.dist.tolist()
@@ -202,7 +241,10 @@ def _is_grasp(one: OpenedModel, other: OpenedModel) -> bool:
 
 def _hold(one: OpenedModel, other: OpenedModel) -> float:
     """Drift, m/s, of a body that two others hold with a few times the force that it
-    takes; NaN where they cannot.
+    takes; NaN where they cannot, and without friction.
+
+    one, other: the pairs of the body with each finger. The fingers close without gravity, pushed
+    towards the body by as much as friction needs; then gravity pulls at it.
     """
     model = one.model
     friction = one.facts().friction
@@ -271,7 +313,11 @@ def _force(opened: OpenedModel, data: Any) -> float:
 
 
 def _cost(opened: OpenedModel, data: Any) -> tuple[float, float]:
-    """(iterations of the solver, s of CPU) of a step, from a state at rest."""
+    """(iterations of the solver, s of CPU) of one step, from a state at rest, which is moved on.
+
+    The means over _TIMED steps; the time is the shortest of _REPEATS. Of islands, which MuJoCo
+    solves one by one, the iterations add up.
+    """
     mujoco = backend()
     model = opened.model
     times = []
@@ -286,3 +332,170 @@ def _cost(opened: OpenedModel, data: Any) -> tuple[float, float]:
         islands = max(1, int(data.nisland))
         iterations += float(data.solver_niter[:islands].sum())
     return iterations / _TIMED, min(times)
+
+
+# A normal within this cosine of gravity is level.
+_LEVEL = math.cos(math.radians(0.5))
+# A part whose effective mass along the plate is greater than that along the normal, over this share,
+# is guided by joints: friction does not hold it.
+_GUIDED = 0.02
+
+
+class _ForceAtTouch:
+    """The contact of a pair in a state: force on the moving part, N; the point where it acts, m.
+
+    normal: N, apart. along: friction, (3,) in the world. axes: along the plate, (2, 3).
+    """
+
+    def __init__(self, opened: OpenedModel, data: Any) -> None:
+        """Add up the contacts of the pair in `data`, an MjData after a step or mj_forward."""
+        sides = opened.place.pair.sides
+        wrench = np.zeros(6)
+        self.normal = 0.0
+        self.along = np.zeros(3)
+        self.axes = np.zeros((2, 3))
+        point = np.zeros(3)
+        for i in range(data.ncon):
+            contact = data.contact[i]
+            if sides[contact.geom].sum() != BOTH_SIDES:
+                continue
+            backend().mj_contactForce(opened.model, data, i, wrench)
+            frame = contact.frame.reshape(3, 3)
+            self.axes = frame[1:].copy()
+            # MuJoCo's force acts on the contact's second geom.
+            sign = 1.0 if sides[contact.geom[1]] == 1 else -1.0
+            self.normal += float(wrench[0])
+            self.along += sign * (wrench[1] * frame[1] + wrench[2] * frame[2])
+            point += float(wrench[0]) * contact.pos
+        self.point: Floats = (
+            point / self.normal if self.normal > 0.0 else opened.place.contact.point
+        )
+
+
+def carried_by(opened: OpenedModel) -> Carried:
+    """Loads that the pair carries where it rests; none where nothing holds the two together, or
+    they do not come to rest.
+
+    Forces act on the moving part, at the point where the contact bears it: so they turn no joint
+    while the contact holds. Creep is left NaN for parts that joints move, for a plate that is
+    tilted or moves, and without friction.
+    """
+    rest, data = laid_down(opened)
+    if rest is None or not math.isfinite(rest.penetration) or not rests(rest):
+        return Carried()
+    with captured_warnings():
+        backend().mj_forward(opened.model, data)
+        touch = _ForceAtTouch(opened, data)
+        if not touch.normal > 0.0:
+            return Carried()
+        loads = [BorneLoad(1.0, touch.normal, rest.penetration)]
+        loads += [_pressed(opened, data, touch, times) for times in LOADS[1:]]
+        ratios = _friction(opened, data, touch)
+        slope = creep = math.nan
+        # Joints move a leg's foot as it settles: the contact itself does not creep. On a plate that
+        # is tilted already, the slope would be another one.
+        lies_free = not opened.facts().shares and _is_level(opened)
+        if lies_free and stands_on_world(opened) and math.isfinite(ratios[0]):
+            slope, creep = _creep(opened, copy.copy(data))
+    return Carried(tuple(loads), max(ratios), min(ratios), slope, creep)
+
+
+def _is_level(opened: OpenedModel) -> bool:
+    """True if gravity acts along the normal of the pair."""
+    gravity = np.array(opened.model.opt.gravity)
+    along = abs(float(gravity @ opened.place.contact.normal))
+    return along > _LEVEL * float(np.linalg.norm(gravity))
+
+
+def _creep(opened: OpenedModel, data: Any) -> tuple[float, float]:
+    """(slope, rad; speed down it, m/s) of a body at rest, in a state that is moved on; no speed of
+    a body that rolls.
+    """
+    slope, rest = rest_on_slope(opened, data)
+    body = opened.place.pair.first.body
+    turns = np.zeros((3, opened.model.nv))
+    backend().mj_jacBody(opened.model, data, None, turns, body)
+    spin = float(np.linalg.norm(turns @ data.qvel))
+    lever = float(np.linalg.norm(_ForceAtTouch(opened, data).point - data.xipos[body]))
+    return slope, creep_of(rest.drift, spin, lever)
+
+
+def _push(opened: OpenedModel, data: Any, touch: _ForceAtTouch, force: Floats) -> None:
+    """Let a force, N, (3,), act on the moving part where the two touch, and its opposite on the
+    other; in all steps that `data` takes from now on.
+
+    touch: of the pair at rest. A part that is welded to the world takes none.
+    """
+    pair = opened.place.pair
+    for sign, body in ((1.0, pair.first.body), (-1.0, pair.second.body)):
+        if opened.model.body_weldid[body]:
+            lever = touch.point - data.xipos[body]
+            data.xfrc_applied[body, :3] = sign * force
+            data.xfrc_applied[body, 3:] = sign * np.cross(lever, force)
+
+
+def _pressed(opened: OpenedModel, resting: Any, touch: _ForceAtTouch, times: float) -> BorneLoad:
+    """The pair under so many times its force at rest: force that the contact then bears, N, and its
+    penetration, m, over the last steps.
+
+    resting: MjData at rest, which stays as it is. touch: the contact in it.
+    """
+    model = opened.model
+    data = copy.copy(resting)
+    more = (times - 1.0) * touch.normal
+    _push(opened, data, touch, more * opened.place.contact.normal)
+    steps = min(PRESSED_STEPS, round(PRESSED_S / model.opt.timestep))
+    last = max(1, round(LAST * steps))
+    backend().mj_step(model, data, nstep=steps - last)
+    rows = np.zeros((last, 2))
+    sides = opened.place.pair.sides.tolist()
+    for i in range(last):
+        backend().mj_step(model, data)
+        rows[i] = force_and_depth(opened, data, sides)
+    return borne(times, touch.normal, rows)
+
+
+def _friction(opened: OpenedModel, resting: Any, touch: _ForceAtTouch) -> list[float]:
+    """Limits of friction over the normal force, along each axis of the contact and between them;
+    NaN alone for parts that joints keep from moving along the plate, and for a body that other
+    contacts hold, too.
+
+    The pair is pushed along its plate by more than friction bears: the friction then is at its
+    limit, which a pyramid of two axes has lower between them.
+    """
+    if _stands_elsewhere(opened, resting):
+        return [math.nan]
+
+    def mass(way: Floats) -> float:
+        row = opened.place.pair.approach_row(resting, touch.point, way)
+        return effective_mass(opened.model, resting, row)
+
+    most = mass(opened.place.contact.normal) / _GUIDED
+    ways = [axis for axis in touch.axes if mass(axis) < most]
+    if len(ways) > 1:
+        ways.append((ways[0] + ways[1]) / math.sqrt(2.0))
+    size = push_of(opened.facts().friction, touch.normal)
+    limits = []
+    for way in ways:
+        data = copy.copy(resting)
+        _push(opened, data, touch, size * way)
+        limit = 0.0
+        for _ in range(PUSHED_STEPS):
+            backend().mj_step(opened.model, data)
+            now = _ForceAtTouch(opened, data)
+            if now.normal > 0.0:
+                limit = max(limit, -float(now.along @ way) / now.normal)
+        limits.append(limit)
+    return limits or [math.nan]
+
+
+def _stands_elsewhere(opened: OpenedModel, data: Any) -> bool:
+    """True if the rigid part that moves touches something besides the pair: that holds it, too."""
+    sides = opened.place.pair.sides
+    rigid = opened.model.body_weldid
+    moving = rigid[opened.place.pair.first.body]
+    for i in range(data.ncon):
+        geoms = data.contact[i].geom
+        if sides[geoms].sum() != BOTH_SIDES and moving in rigid[opened.model.geom_bodyid[geoms]]:
+            return True
+    return False

@@ -39,9 +39,11 @@ class TouchSearch:
         self.gap = np.inf
 
     def contact_at_touch(self) -> PairContact | None:
-        """The contact where it begins, with `data` at touch; None where MuJoCo makes none.
+        """The contact where it begins, with `data` at touch; None where MuJoCo makes none on the
+        way.
 
-        First by the distance of the geoms, and where that finds nothing by a scan for a contact.
+        First by MuJoCo's distance of the geoms, and where that leads to no contact whose normal
+        opposes the motion, by a scan. Sets `gap`.
         """
         travel = travel_by_distance(self._distance, self.pair.size)
         self.gap = self._distance(travel)
@@ -99,7 +101,12 @@ class TouchSearch:
         return None
 
     def _window(self) -> tuple[float, float]:
-        """Distances before and behind the rough touch within which a contact may begin, m."""
+        """(before, behind): distances from the rough touch, m, within which MuJoCo's contact may
+        begin.
+
+        Of two shapes the size of the smaller one; over a height field, whose distance is that to
+        its highest possible point, the whole height of the field too.
+        """
         pair = self.pair
         field = self.pair.height_field
         if field < 0:

@@ -15,6 +15,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, can_pull
 from hcbench.engines.mujoco.model.bodies import (
+    FREE_DOFS,
     explicit_pairs,
     integrator_name,
     masks_match,
@@ -52,12 +53,9 @@ if TYPE_CHECKING:
 
 # The attitudes in which a loose body can meet a face: on its own faces, edges and vertices.
 
-# Directions in a geom that point at the other body, by shape: the geom's
-# size turns them into attitudes.
+# Directions in a geom that point at the other body, by shape: see `_ways_of_shape`.
 _BOX = {"face": (0.0, 0.0, 1.0), "edge": (0.0, 1.0, 1.0), "vertex": (1.0, 1.0, 1.0)}
 _ROUND = {"face": (0.0, 0.0, 1.0), "side": (1.0, 0.0, 0.0), "rim": (1.0, 0.0, 1.0)}
-# Of a free joint: a body with these alone hangs on nothing.
-_FREE_DOFS = 6
 _NEAR = 1e-3  # m
 
 
@@ -71,41 +69,67 @@ def attitudes(model: Any, label: str, state: Any, request: Request) -> list[tupl
     what stands still, where nothing else touches it. The requests differ in their pose, qpos in m
     and quaternions. Raises UserError or SceneError where the pair cannot be brought to touch.
     """
-    kinds = backend().mjtGeom
     placed = MujocoModel(model, label, state, request)
-    place = placed.place
-    geom, other = place.contact.geoms
-    if int(model.geom_bodyid[geom]) != place.pair.first.body:
+    geom, other = placed.place.contact.geoms
+    if int(model.geom_bodyid[geom]) != placed.place.pair.first.body:
         geom, other = other, geom
-    body = int(model.geom_bodyid[geom])
-    ways_of_shape = {int(kinds.mjGEOM_BOX): _BOX, int(kinds.mjGEOM_CYLINDER): _ROUND}
-    ways = ways_of_shape.get(int(model.geom_type[geom]))
-    is_flat = int(model.geom_type[other]) in (int(kinds.mjGEOM_PLANE), int(kinds.mjGEOM_BOX))
-    is_fixed = not model.body_weldid[model.geom_bodyid[other]]
-    if ways is None or request.pose or not (is_flat and is_fixed):
+    ways = _ways_of_shape(int(model.geom_type[geom]))
+    can_turn = (
+        not request.pose
+        and _is_flat_and_fixed(model, other)
+        and _is_loose(model, int(model.geom_bodyid[geom]))
+        and not _is_touched(model, placed.start, geom, other)
+    )
+    if not ways or not can_turn:
         return [("", request)]
-    if not _is_loose(model, body) or _is_touched(model, placed.start, geom, other):
-        return [("", request)]
-    size = model.geom_size[geom]
-    if ways is _ROUND:
-        # The sizes in the geom's own axes: a cylinder has its radius first
-        # and half its length second.
-        size = np.array([size[0], size[0], size[1]])
-    upright = copy.copy(placed.start)
-    backend().mj_kinematics(model, upright)
-    address = int(model.jnt_qposadr[model.body_jntadr[body]])
-    attitude = slice(address + 3, address + 7)
     turned = []
     for name, way in ways.items():
-        qpos = placed.start.qpos.copy()
-        # Backed off by its bounding radius: no attitude starts inside the other body.
-        qpos[address : address + 3] -= model.geom_rbound[geom] * place.contact.normal
-        frame = upright.geom_xmat[geom].reshape(3, 3)
-        turn = _turn(frame @ _unit(size * np.array(way)), place.contact.normal)
-        backend().mju_mulQuat(qpos[attitude], turn, placed.start.qpos[attitude])
+        qpos = _turned(placed, geom, way)
         pose = (("qpos", tuple(qpos.tolist())),)
         turned.append((name, replace(request, pose=pose)))
     return turned
+
+
+def _ways_of_shape(kind: int) -> dict[str, tuple[float, float, float]]:
+    """Directions in a geom of this type that point at the other body, by attitude; {} for a type
+    that has one attitude only. They are in half sizes along the geom's own axes.
+    """
+    kinds = backend().mjtGeom
+    return {int(kinds.mjGEOM_BOX): _BOX, int(kinds.mjGEOM_CYLINDER): _ROUND}.get(kind, {})
+
+
+def _is_flat_and_fixed(model: Any, geom: int) -> bool:
+    """Say whether a geom is a plane or a box that stands still."""
+    kinds = backend().mjtGeom
+    is_flat = int(model.geom_type[geom]) in (int(kinds.mjGEOM_PLANE), int(kinds.mjGEOM_BOX))
+    return is_flat and not model.body_weldid[model.geom_bodyid[geom]]
+
+
+def _turned(placed: MujocoModel, geom: int, way: tuple[float, float, float]) -> Floats:
+    """qpos, (nq,), of a model whose loose body is turned so that a direction points at the other.
+
+    placed: the model, with the pair at touch. geom: of the loose body.
+    way: the direction, see `_ways_of_shape`.
+    """
+    model = placed.model
+    start = placed.start
+    normal = placed.place.contact.normal
+    half_sizes = model.geom_size[geom]
+    if int(model.geom_type[geom]) == int(backend().mjtGeom.mjGEOM_CYLINDER):
+        # A cylinder has its radius first and half its length second.
+        radius, half_length, _ = half_sizes
+        half_sizes = np.array([radius, radius, half_length])
+    upright = copy.copy(start)
+    backend().mj_kinematics(model, upright)
+    frame = upright.geom_xmat[geom].reshape(3, 3)
+    turn = _turn(frame @ _unit(half_sizes * np.array(way)), normal)
+    address = int(model.jnt_qposadr[model.body_jntadr[model.geom_bodyid[geom]]])
+    attitude = slice(address + 3, address + 7)
+    qpos: Floats = start.qpos.copy()
+    # Backed off by its bounding radius: no attitude starts inside the other body.
+    qpos[address : address + 3] -= model.geom_rbound[geom] * normal
+    backend().mju_mulQuat(qpos[attitude], turn, start.qpos[attitude])
+    return qpos
 
 
 def _is_loose(model: Any, body: int) -> bool:
@@ -114,12 +138,16 @@ def _is_loose(model: Any, body: int) -> bool:
     return (
         len(tree) == 1
         and int(model.body_geomnum[body]) == 1
-        and int(model.body_dofnum[body]) == _FREE_DOFS
+        and int(model.body_dofnum[body]) == FREE_DOFS
     )
 
 
 def _is_touched(model: Any, start: Any, geom: int, other: int) -> bool:
-    """Say whether a third geom touches `geom` at the start, or is within _NEAR of it."""
+    """Say whether a third geom touches `geom` at the start, or is within _NEAR of it.
+
+    start: MjData of the start. other: the geom that it may touch. Only geoms count whose masks let
+    them collide.
+    """
     mujoco = backend()
     data = copy.copy(start)
     mujoco.mj_kinematics(model, data)
@@ -176,13 +204,15 @@ def model_settings(
 ) -> Iterator[ModelSetting]:
     """Settings for all pairs at once, the simplest first; the last is searched for in the model.
 
-    requests: several of a pair are its attitudes.
+    source: a file, MJCF text or an MjSpec.
+    requests: of the pairs; several of one pair are its attitudes.
     goal: e over speed.
     was: the model at rest as it is.
     version: of MuJoCo that has to load it; () for any.
 
-    Raises SceneError for a model that does not compile, UserError where a pair cannot be measured
-    or no <pair> keeps its e.
+    Raises, as the settings are asked for, SceneError for a model that does not compile, UserError
+    where a pair cannot be measured, the model cannot be written or no <pair> keeps its e, and
+    SearchInterrupted with the best so far.
     """
     # Opened first as for a measurement, whose errors say what is wrong with a model.
     load(source, requests[0])
@@ -223,10 +253,12 @@ def model_settings(
 def _searched(
     source: Any, pairs: Sequence[PairToTune], goal: RestitutionCurve, was: Standing, adhesive: bool
 ) -> dict[_Kind, Rows]:
-    """Rows for each kind of pair, searched for in the model one kind after the other.
+    """Rows for each kind of pair, by `PairToTune.like`, searched for in the model one kind after the
+    other.
 
     goal: e over speed. was: the model at rest as it is. adhesive: whether rows may pull.
-    Kinds that are still to be searched have the starting rows meanwhile.
+    Kinds that are still to be searched have the starting rows meanwhile, as a robot stands and
+    bounces on all of its feet. Raises EngineFailed for a fatal error of MuJoCo's.
     """
     plain = spec_of(source).compile()
     rows_of: dict[_Kind, Rows] = {pair.like: starting_rows(adhesive) for pair in pairs}
@@ -286,7 +318,7 @@ def _row_setter(
 def pairs_to_tune(
     model: Any, label: str, requests: Sequence[Sequence[Request]]
 ) -> list[PairToTune]:
-    """The pairs of a user's compiled model, those of one shape and nearly one load alike.
+    """Pairs of a user's compiled model, those of one shape and nearly one load alike.
 
     label: its name in errors. requests: of each pair, one for each attitude. Raises UserError where
     no <pair> keeps its e or a pair cannot be measured, and SceneError.
@@ -368,6 +400,7 @@ def _grouped(pairs: Sequence[PairToTune]) -> list[PairToTune]:
 
 
 def _is_like(one: PairToTune, other: PairToTune) -> bool:
+    """Say whether two pairs have one shape and contact, and nearly one load: one setting for both."""
     mass = one.place.effective_mass / other.place.effective_mass - 1.0
     gravity = one.place.gravity - other.place.gravity
     return one.like == other.like and abs(mass) < _SAME_MASS and abs(gravity) < _SAME_GRAVITY

@@ -23,13 +23,12 @@ from hcbench.engines.mujoco.model.causes.context import Context, written_contact
 from hcbench.engines.mujoco.model.causes.motion import at_rest
 from hcbench.engines.mujoco.model.compiled_loop import flights_of
 from hcbench.engines.mujoco.model.find_pair import moving_joints
-from hcbench.engines.mujoco.model.loads import carried_by
 from hcbench.engines.mujoco.model.open import OpenedModel
 from hcbench.engines.mujoco.model.pair import restitution_law
 from hcbench.engines.mujoco.model.promises import broken_promise, promise_in, slow_for_plugin
 from hcbench.engines.mujoco.model.shared_model import LentModel
 from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation
-from hcbench.engines.mujoco.model.standing import rest_of_pair
+from hcbench.engines.mujoco.model.standing import carried_by, rest_of_pair
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.diagnose import other_contacts
 from hcbench.sim import simulate
@@ -176,7 +175,9 @@ class MujocoModel(OpenedModel, LendsSteps):
         return unit_notes(name, mass, *volumes(self.model, data, body))
 
     def _friction_of_geoms(self) -> list[str]:
-        """A sentence where hcbench's pair has another friction than its geoms would have alone."""
+        """One sentence where hcbench's pair has another friction than its geoms would have alone,
+        as a list; else empty.
+        """
         promise = self._promise()
         if promise is None or not promise.rows:
             return []
@@ -251,7 +252,8 @@ class MujocoModel(OpenedModel, LendsSteps):
         return list(broken_promise(self.model, promise, geoms, gravity, contacts))
 
     def _weak_friction(self, impacts: Sequence[Impact]) -> list[Suspect]:
-        """Suspect the pyramidal cone, if friction takes more in a copy with an elliptic one.
+        """Suspect the pyramidal cone, if friction takes more in a copy with an elliptic one: a list
+        of at most one.
 
         impacts: of the launches; the one whose friction is weakest is simulated again in the copy.
         """

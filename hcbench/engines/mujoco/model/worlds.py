@@ -98,9 +98,12 @@ class PairWorlds(ContactFamily):
         self._of_pair = np.repeat(np.arange(len(pairs)), [len(pair.geoms) for pair in pairs])
 
     def parameters(self, nominal: Floats, friction: Floats | None) -> dict[str, Floats]:
-        """solref, solimp and friction of every <pair> of the model in each world.
+        """solref, solimp and friction of every <pair> of the model in each of n worlds, by the
+        fields of MjModel.
 
-        <pair>s of the model's own that are not randomised have their own values.
+        nominal: e that each contact would have on a free body, (n, pairs). friction: μ of each
+        world, (n,); None: the model's own. <pair>s of the model's own that are not randomised have
+        their own values.
         """
         count = len(nominal)
         solref = np.repeat(self._model.pair_solref[None], count, axis=0)
@@ -135,10 +138,13 @@ class PairWorlds(ContactFamily):
 
 
 def families(source: Any, requests: Sequence[Request]) -> Iterator[PairWorlds]:
-    """Families of contacts for pairs of a user's model, the ones whose e chance moves least first.
+    """Yield families of contacts for pairs of a user's model, the ones whose e chance moves least
+    first.
 
-    source: see `open.load`. requests: one a pair. Raises SceneError for a model that does not
-    compile, UserError where a pair cannot be measured or no <pair> keeps its e.
+    source: see `open.load`. requests: one a pair. A row of one step comes first where nothing
+    slides and the integrator is not RK4; then springs, the softest and longest first. Raises
+    SceneError for a model that does not compile, UserError where a pair cannot be measured or no
+    <pair> keeps its e.
     """
     load(source, requests[0])
     model = spec_of(source).compile()

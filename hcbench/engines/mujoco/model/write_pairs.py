@@ -17,7 +17,7 @@ from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import body_name, can_meet, explicit_pairs, response
 from hcbench.engines.mujoco.model.find_pair import contact_in_force
 from hcbench.engines.mujoco.recipes.common import SPRING_SOLIMP
-from hcbench.engines.mujoco.recipes.compliant_fit import (
+from hcbench.engines.mujoco.recipes.compliant import (
     IMPRATIO,
     half_period_steps,
     spring_and_damper_rows,
@@ -91,7 +91,10 @@ class Load:
 
     @classmethod
     def at_touch(cls, place: PairAtTouch, timestep: float, rk4: bool, slides: bool) -> Load:
-        """The load on the contact of a pair that just touches; the others as in the class."""
+        """The load on the contact of a pair that just touches.
+
+        timestep: s. rk4, slides: as in the class.
+        """
         mobility = estimated_mobility(
             place.pair.model, place.pair.first.body, place.pair.second.body
         )
@@ -376,10 +379,12 @@ class Written(NamedTuple):
 
 
 def texts_of(source: Any, made: Written, sections: Sequence[str], output: Output) -> Texts:
-    """The lines to paste, the whole model with them, and the lines that a model includes.
+    """The lines to paste, the whole model with them, and a file of the lines to be included.
 
-    sections: further ones of the model. output: where the model and the included file are to be
-    written.
+    source: as the user gave it. made: the source with rows in it. sections: further XML sections of
+    the model. output: where the model and the included file are to be written. The whole is the
+    user's own text with the lines at its end where that can be, else MuJoCo's text of the model.
+    Raises UserError for a file that is not in UTF-8.
     """
     paste = "\n".join(filter(None, (made.lines, *sections)))
     lines = paste
@@ -531,40 +536,28 @@ def _write_rows(
 
     Returns the lines of XML that a user can paste.
     """
-    place = pair.place
-    first, second = model.geom_bodyid[list(geoms)].tolist()
-    # MuJoCo's estimates of mass differ between links, though these bounce as one.
-    share = estimated_mobility(model, first, second)
-    share /= estimated_mobility(model, place.pair.first.body, place.pair.second.body)
     known = [p for p in spec.pairs if {p.geomname1, p.geomname2} == set(names)]
     for extra in known[1:]:
         spec.delete(extra)
-    # MuJoCo scales a soft row by its own estimate of the mass; a stiff one sets the acceleration.
-    is_soft = rows[0].solimp[0] <= SOFT_IMPEDANCE
-    scale = 1.0
-    if is_soft:
-        scale = share
+    onset = pair.place.contact.onset
+    scale = _soft_scale(model, pair, geoms) if _is_soft(rows[0]) else 1.0
     lines = []
     for i, row in enumerate(rows):
         values: dict[str, Any] = {
             "solref": [number * scale for number in row.solref],
             "solimp": list(row.solimp),
         }
-        if i > 0:
-            values["condim"] = 1
-        elif known:
-            # A line that takes the place of the user's own <pair> keeps its friction.
-            (own, *_) = explicit_pairs(model, geoms)
-            values["condim"] = int(model.pair_dim[own])
-            values["friction"] = model.pair_friction[own].tolist()
+        # Friction acts by the first row alone: of two <pair>s each would have all of it.
+        if i == 0:
+            values |= _own_friction(model, geoms) if known else friction_values(model, geoms)
+            if solreffriction := _solreffriction(pair, row):
+                values["solreffriction"] = solreffriction
         else:
-            values |= friction_values(model, geoms)
-        if i == 0 and (solreffriction := _solreffriction(pair, row, is_soft)):
-            values["solreffriction"] = solreffriction
+            values["condim"] = 1
         if row.adhesion:
             values["adhesion"] = row.adhesion
-        if place.contact.onset or known:
-            values |= {"margin": place.contact.onset, "gap": 0.0}
+        if onset or known:
+            values |= {"margin": onset, "gap": 0.0}
         if known and i == 0:
             element = known[0]
             # What an earlier setting wrote and this one does not: the line has neither.
@@ -575,6 +568,33 @@ def _write_rows(
             element = spec.add_pair(geomname1=names[0], geomname2=names[1])
         lines.append(set_pair(element, names, values))
     return lines
+
+
+def _is_soft(row: ConstraintRow) -> bool:
+    """True for a row whose spring MuJoCo scales by its estimate of the mass; a stiff one sets the
+    acceleration.
+    """
+    return row.solimp[0] <= SOFT_IMPEDANCE
+
+
+def _soft_scale(model: Any, pair: PairToTune, geoms: tuple[int, int]) -> float:
+    """MuJoCo's estimate of 1/mass of two geoms over that of the pair's own bodies.
+
+    The estimates differ between links, though these bounce as one: times this, a soft row does the
+    same between all geoms of a pair.
+    """
+    first, second = model.geom_bodyid[list(geoms)].tolist()
+    own = pair.place.pair
+    of_pair = estimated_mobility(model, own.first.body, own.second.body)
+    return estimated_mobility(model, first, second) / of_pair
+
+
+def _own_friction(model: Any, geoms: tuple[int, int]) -> dict[str, Any]:
+    """condim and friction of the first <pair> that the model has for two geoms: a line that takes
+    its place keeps them.
+    """
+    (own, *_) = explicit_pairs(model, geoms)
+    return {"condim": int(model.pair_dim[own]), "friction": model.pair_friction[own].tolist()}
 
 
 def set_pair(element: Any, names: tuple[str, str], values: dict[str, Any]) -> str:
@@ -596,9 +616,9 @@ def set_pair(element: Any, names: tuple[str, str], values: dict[str, Any]) -> st
     return f"<pair geom1={first} geom2={second} {' '.join(attributes)}/>"
 
 
-def _solreffriction(pair: PairToTune, row: ConstraintRow, is_soft: bool) -> list[float]:
+def _solreffriction(pair: PairToTune, row: ConstraintRow) -> list[float]:
     """MuJoCo's solreffriction of a row; empty where its friction has the row's solref."""
-    if row.solreffriction or not (is_soft and pair.load.slides):
+    if row.solreffriction or not (_is_soft(row) and pair.load.slides):
         return list(row.solreffriction)
     return [0.0, -_friction_damping(pair.place, pair.load)]
 
@@ -614,8 +634,11 @@ def _friction_damping(place: PairAtTouch, load: Load) -> float:
 
 
 def sliding_mobility(place: PairAtTouch, load: Load) -> float:
-    """Mobility of a pair at touch along the way that slides most easily, over MuJoCo's estimate of
-    that along the normal.
+    """Mobility, 1/mass, of a pair at touch along the way that slides most easily, over MuJoCo's
+    estimate of that along the normal.
+
+    It is the largest eigenvalue of J M^-1 J^T over the directions in the plate. `load` has how far
+    that estimate is off.
     """
     model = place.pair.model
     data = backend().MjData(place.pair.model)
@@ -631,9 +654,11 @@ def sliding_mobility(place: PairAtTouch, load: Load) -> float:
 def name_geoms(
     spec: Any, model: Any, geoms: Sequence[tuple[int, int]], notes: list[str]
 ) -> dict[int, str]:
-    """Names by which a <pair> calls geoms, by their numbers; those without one get one.
+    """Names by which a <pair> calls geoms, by their numbers; a geom without one is named
+    "geom_NUMBER" in the spec.
 
-    spec: gets the new names. notes: gets a sentence for each.
+    geoms: numbers, two and two. notes: gets a sentence for each new name, as the user's own text
+    lacks it.
     """
     names = {}
     # By number: MuJoCo 3.3 gives the geoms of a spec no .id.

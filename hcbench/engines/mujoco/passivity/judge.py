@@ -1,28 +1,131 @@
-"""A setting's passivity: a screen of a second, or the whole gate."""
+"""A setting's passivity: a screen of a second, or the whole gate; and what its cone and impratio, which
+are of the whole model, do to other contacts.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from hcbench.engines.mujoco.backend import captured_warnings
-from hcbench.engines.mujoco.passivity.contact import Contact, Stepping
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.passivity.in_rows import bounces_in_rows
-from hcbench.engines.mujoco.passivity.plain import boxes, certify, rest_on_slope
-from hcbench.engines.mujoco.passivity.sliding import ball_slides, boxes_slide
-from hcbench.engines.mujoco.passivity.untuned import effect_on_others
+from hcbench.engines.mujoco.passivity.plain import (
+    Contact,
+    Stepping,
+    ball_slides,
+    boxes,
+    boxes_slide,
+    certify,
+    rest_on_slope,
+)
 from hcbench.engines.mujoco.scene.mjcf import Options, pairs_text, read_options
 from hcbench.laws.contact_law import is_force
 from hcbench.sim.passivity import Finding, LongestTrain, Passivity
 from hcbench.terms.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from hcbench.terms.scene import Scene
     from hcbench.terms.setting import Pair, Setting
+
+# A contact that is not tuned, beside the setting: the slope, rad, and time, s, of a ball at rest on
+# it, and the ball's radius, m.
+_OTHERS_SLOPE = math.radians(10.0)
+_OTHERS_S = 1.0
+_RADIUS = 0.05
+# Its oblique impact: speeds along the normal and along the plane, m/s, at so many phases.
+_SPEED = 1.0
+_SLIP = 0.5
+_LAUNCHES = 8
+
+
+def effect_on_others(option: Mapping[str, str], timestep: float, gravity: float) -> str:
+    """One sentence: drift, solver iterations and e of a contact that is not tuned, with MuJoCo's
+    default cone and with the setting's options.
+
+    option: attributes of the setting's <option>, such as cone and impratio.
+    timestep: s. gravity: m/s².
+    """
+    before = {"cone": "pyramidal"}
+    after = option
+    with captured_warnings():
+        drift, count, e = _untuned_contact(before, timestep, gravity)
+        drift_after, count_after, e_after = _untuned_contact(after, timestep, gravity)
+    change = max(abs(a - b) for a, b in zip(e, e_after, strict=True))
+    return (
+        f"Other contacts of the model: drift on 10 degrees {drift:.2g} -> {drift_after:.2g} mm/s, "
+        f"solver iterations {count:.2g} -> {count_after:.2g}, e changes by at most {change:.2g}."
+    )
+
+
+def _untuned_contact(
+    option: Mapping[str, str], timestep: float, gravity: float
+) -> tuple[float, float, list[float]]:
+    """(drift on a slope mm/s, solver iterations a step there, e of oblique impacts) of one contact.
+
+    option: attributes of <option>. The e are of impacts at _LAUNCHES phases of a step.
+    """
+    mujoco = backend()
+    model = _untuned_ball(option, timestep, gravity, "0.02 1")
+    model.opt.gravity[:] = gravity * np.array(
+        [math.sin(_OTHERS_SLOPE), 0.0, -math.cos(_OTHERS_SLOPE)]
+    )
+    data = mujoco.MjData(model)
+    iterations = 0
+    half = 0.0
+    steps = round(_OTHERS_S / timestep)
+    for step in range(steps):
+        if step == steps // 2:
+            half = float(data.qpos[0])
+        mujoco.mj_step(model, data)
+        iterations += int(data.solver_niter[0])
+    drift = 1e3 * (float(data.qpos[0]) - half) / (_OTHERS_S / 2)
+    bouncing = _untuned_ball(option, timestep, gravity, "0.02 0.2")
+    e = [_untuned_e(bouncing, i / _LAUNCHES) for i in range(_LAUNCHES)]
+    return drift, iterations / steps, e
+
+
+def _untuned_ball(option: Mapping[str, str], timestep: float, gravity: float, solref: str) -> Any:
+    """Compiled model of a ball of 1 kg that may not turn, on a plane, in a contact by this solref.
+
+    option: attributes of <option>. timestep: s. gravity: m/s², down.
+    """
+    slides = ""
+    for axis in ("1 0 0", "0 1 0", "0 0 1"):
+        slides += f'<joint type="slide" axis="{axis}"/>'
+    options = " ".join(f'{key}="{value}"' for key, value in option.items())
+    return backend().MjModel.from_xml_string(
+        f'<mujoco><option timestep="{timestep!r}" gravity="0 0 {-gravity!r}" {options}/>'
+        f'<default><geom solref="{solref}" friction="0.5"/></default><worldbody>'
+        f'<geom type="plane" size="9 9 1"/><body pos="0 0 {_RADIUS}">{slides}'
+        f'<geom size="{_RADIUS}" mass="1"/></body></worldbody></mujoco>'
+    )
+
+
+def _untuned_e(model: Any, phase: float) -> float:
+    """Speed out over speed in of an impact that slides, 0 where the ball stays down.
+
+    phase: of a step, from 0 to 1, by which it touches later. Speed out: after the first step that
+    ends above the plane on the way up.
+    """
+    mujoco = backend()
+    data = mujoco.MjData(model)
+    step = model.opt.timestep
+    data.qpos[2] = (1.0 + phase) * step * _SPEED
+    data.qvel[0] = _SLIP
+    data.qvel[2] = -_SPEED
+    for _ in range(round(0.3 / step)):
+        mujoco.mj_step(model, data)
+        rate_up = float(data.qvel[2])
+        if rate_up > 0.0 and data.qpos[2] > 0.0:
+            return rate_up / _SPEED
+    return 0.0
+
 
 # A free ball takes the same steps under each of them.
 _LIKE_EULER = ("Euler", "implicit", "implicitfast")
@@ -119,7 +222,7 @@ def certified(
 def _pasted(options: Options, pairs: Sequence[Pair]) -> str:
     """The MJCF that a user pastes for some pairs: <contact> of rows, or a law's plug-in instances.
 
-    A law's plug-in is loaded, so that MuJoCo can compile it.
+    A law's plug-in is loaded, so that MuJoCo can compile it. Raises CannotRun without a C compiler.
     """
     if options.law is None:
         lines = ""

@@ -1,17 +1,19 @@
-"""The whole gate, in plain MuJoCo: drops, a slope, a rolling ball, boxes that fall, a stack."""
+"""A contact tried in plain models of MuJoCo: drops, a slope, boxes that fall, a stack, and bodies that
+slide, spin and roll; `certify` runs them all, under each of several options.
+"""
 
 from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import speed_reading
-from hcbench.engines.mujoco.passivity.contact import HALF, Contact, Stepping
-from hcbench.engines.mujoco.passivity.sliding import ball_slides, boxes_slide
 from hcbench.sim.passivity import (
     HEIGHTS,
     LASTS,
@@ -28,7 +30,328 @@ from hcbench.sim.passivity import (
 from hcbench.sim.rest import Rest, last_half, rest_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from hcbench.terms.impact import Floats
+    from hcbench.terms.setting import Pair
+
+# Half an edge of a box, m.
+HALF = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Stepping:
+    """Options under which a plain model is simulated."""
+
+    integrator: str = "Euler"
+    cone: str = "elliptic"
+    solver: str = "Newton"
+
+    def __str__(self) -> str:
+        return f"{self.integrator}, {self.cone}, {self.solver}"
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """A contact that is tried in plain models.
+
+    timestep: s. option: attributes of <option> that it asks for. text: what to paste for pairs of
+    geoms.
+    gravity: m/s², of drops, slopes, boxes and what is laid down: the standard one where the scene
+    has none.
+    radius: of the ball, m.
+    falls: gravity of the scene, m/s², under which what slides is thrown.
+    friction: Coulomb's μ of the two geoms.
+    """
+
+    timestep: float
+    gravity: float
+    option: Mapping[str, str]
+    text: Callable[[Sequence[Pair]], str]
+    radius: float
+    falls: float = 0.0
+    friction: float = 0.0
+
+    def model(self, bodies: str, options: Stepping, pairs: Sequence[Pair]) -> Any:
+        """A compiled model of a plane and these bodies, whose `pairs` have the contact.
+
+        bodies: <body> elements of MJCF. options: the plain model's; those of `option` win.
+        pairs: names of two geoms each; the plane's is "plate".
+        """
+        plain = {"timestep": repr(self.timestep), "cone": options.cone, "solver": options.solver}
+        option = " ".join(f'{key}="{value}"' for key, value in {**plain, **self.option}.items())
+        integrator = f'integrator="{options.integrator}" gravity="0 0 {-self.gravity!r}"'
+        return backend().MjModel.from_xml_string(
+            f"<mujoco><option {option}/><option {integrator}/><worldbody>"
+            f'<geom name="plate" type="plane" size="9 9 1"/>{bodies}</worldbody>'
+            f"{self.text(pairs)}</mujoco>"
+        )
+
+    def with_ball(self, options: Stepping, joint: str = "<freejoint/>") -> Any:
+        """A plain model of a ball on the plane."""
+        shape = f'type="sphere" size="{self.radius!r}" mass="0.5"'
+        place = f'name="ball" pos="0 0 {self.radius!r}"'
+        body = f'<body {place}>{joint}<geom name="ball" {shape}/></body>'
+        return self.model(body, options, [("ball", "plate")])
+
+    def with_boxes(self, options: Stepping, count: int = 1) -> Any:
+        """A plain model of `count` boxes of edge 2 HALF, 0.5 kg each, one on top of the other on
+        the plane.
+        """
+        names = [f"box{i}" for i in range(count)]
+        bodies = ""
+        for i, name in enumerate(names):
+            height = (2 * i + 1) * HALF
+            bodies += f'<body name="{name}" pos="0 0 {height!r}"><freejoint/>'
+            bodies += (
+                f'<geom name="{name}" type="box" size="{HALF} {HALF} {HALF}" mass="0.5"/></body>'
+            )
+        return self.model(bodies, options, list(itertools.pairwise(["plate", *names])))
+
+
+# Speeds of throws at touch, m/s.
+_THROWS = (0.1, 0.5, 1.5)
+# (speed along the plate m/s, spin rad/s) of throws: slow and fast slides, backspin, topspin, and
+# all at once.
+_MOTIONS = (
+    ((0.5, 0.0), (0.0, 0.0, 0.0)),
+    ((2.0, 0.0), (0.0, 0.0, 0.0)),
+    ((0.0, 0.0), (0.0, 30.0, 0.0)),
+    ((1.0, 0.0), (0.0, -30.0, 20.0)),
+    ((0.7, 0.3), (10.0, 5.0, 20.0)),
+)
+# Speed of what is laid down sliding or rolling, m/s, and spin of what is laid down spinning, rad/s.
+_SLIDES = 1.0
+_SPINS = 30.0
+# Times for which a body is followed, s, and the steps of each at most.
+_THROWN_S = 0.5
+_LAID_S = 1.0
+_CREEP_S = 2.0
+_STEPS = 2000
+# A body that was laid down stays down. It may rise by what it falls in a step from rest, g h², of
+# which the first step of a contact knows nothing, and by this, m.
+_RISES = 1e-6
+# Angle of a slope, rad, and how far friction has to be above its tangent to hold a body.
+_CREEP_SLOPE = math.radians(5.0)
+_HOLDS = 1.1
+# In g h: slower flights have too little energy to matter.
+_SLOWEST = 1.6
+# Share of the energy at the start that is none.
+_ROUND_OFF = 1e-12
+_MASS = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class _ThrownBody:
+    """A body on the plate.
+
+    name: in findings.
+    shape: attributes of its geom.
+    high: height of its centre where it touches, m.
+    quaternion: of its attitude.
+    lies: whether it lies still there; one on an edge is only thrown.
+    axle: axis about which it rolls, in its own frame; () where it does not roll.
+    along: attitude in which it does not roll down a slope; () for a body that rolls in any.
+    """
+
+    name: str
+    shape: str
+    high: float
+    quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    lies: bool = True
+    axle: tuple[float, ...] = ()
+    along: tuple[float, ...] = ()
+
+
+_HALF_SLAB = (0.06, 0.06, 0.02)
+_TILT = 0.7
+_FLAT = (1.0, 0.0, 0.0, 0.0)
+# A turn of 90 degrees about x lays a capsule along y, one about y along x.
+_ALONG_Y = (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)
+_ALONG_X = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
+_SLAB = f'type="box" size="{" ".join(map(str, _HALF_SLAB))}"'
+# Flat, so that friction does not tip it over.
+_BOXES = (
+    _ThrownBody("box on its face", _SLAB, _HALF_SLAB[2], along=_FLAT),
+    _ThrownBody(
+        "box on an edge",
+        _SLAB,
+        _HALF_SLAB[0] * math.sin(_TILT) + _HALF_SLAB[2] * math.cos(_TILT),
+        (math.cos(_TILT / 2), 0.0, math.sin(_TILT / 2), 0.0),
+        lies=False,
+    ),
+    _ThrownBody(
+        "capsule",
+        'type="capsule" size="0.03 0.05"',
+        0.03,
+        _ALONG_Y,
+        # Its own z points along -y.
+        axle=(0.0, 0.0, -1.0),
+        along=_ALONG_X,
+    ),
+)
+
+
+def ball_slides(contact: Contact, options: Stepping) -> list[Finding]:
+    """Findings for a ball that slides, spins and rolls."""
+    shape = f'type="sphere" size="{contact.radius!r}"'
+    ball = _ThrownBody("ball", shape, contact.radius, axle=(0.0, 1.0, 0.0))
+    return list(_findings(contact, options, ball))
+
+
+def boxes_slide(contact: Contact, options: Stepping) -> list[Finding]:
+    """Findings for a box on its face and on an edge, and for a capsule on its side."""
+    return [finding for body in _BOXES for finding in _findings(contact, options, body)]
+
+
+def _findings(contact: Contact, options: Stepping, body: _ThrownBody) -> Iterator[Finding]:
+    """Findings for one body: energy of throws; of a body that lies, hops where it slides, spins or
+    rolls, and creep on a slope if friction is enough to hold it.
+    """
+    under = str(options)
+    grew = 0.0
+    thrown = _model(contact, options, body, contact.falls)
+    for speed, (slip, spin) in product(_THROWS, _MOTIONS):
+        velocity = (*slip, -speed, *spin)
+        path = _followed(thrown, body, velocity, _THROWN_S, 2.4 * contact.timestep * speed)
+        grew = max(grew, path.grew)
+    throws = len(_THROWS) * len(_MOTIONS)
+    yield Finding(f"energy of a {body.name}, thrown", under, grew, MOST_ENERGY, "x energy", throws)
+    if not body.lies:
+        return
+    laid = {"sliding": (_SLIDES, 0, 0, 0, 0, 0), "spinning": (0, 0, 0, *_upright_spin(body))}
+    if body.axle:
+        rolls = np.array(body.axle) * _SLIDES / body.high
+        laid["rolling"] = (_SLIDES, 0.0, 0.0, *rolls)
+    lying = _model(contact, options, body, contact.gravity)
+    for how, velocity in laid.items():
+        path = _followed(lying, body, velocity, _LAID_S)
+        limit = max(_RISES, contact.gravity * contact.timestep**2)
+        yield Finding(f"hop of a {body.name}, laid down {how}", under, path.rose, limit, "m")
+    if body.along and contact.friction > _HOLDS * math.tan(_CREEP_SLOPE):
+        drift = creep(contact, options, body)
+        yield Finding(f"creep of a {body.name} on 5 degrees", under, drift, MOST_DRIFT, "m/s")
+
+
+def _upright_spin(body: _ThrownBody) -> Floats:
+    """Spin about the vertical, rad/s, in the body's own frame, (3,)."""
+    turn = np.zeros(9)
+    backend().mju_quat2Mat(turn, np.array(body.quaternion))
+    spin: Floats = turn.reshape(3, 3).T @ np.array([0.0, 0.0, _SPINS])
+    return spin
+
+
+def _model(contact: Contact, options: Stepping, body: _ThrownBody, gravity: float) -> Any:
+    geom = f'<geom name="ball" {body.shape} mass="{_MASS}" friction="{contact.friction!r}"/>'
+    place = f'name="ball" pos="0 0 {body.high!r}"'
+    model = contact.model(f"<body {place}><freejoint/>{geom}</body>", options, [("ball", "plate")])
+    model.opt.gravity[2] = -gravity
+    return model
+
+
+@dataclass(slots=True)
+class _Path:
+    """Energy of a body after its contacts over that before them, largest; and how far it rose, m."""
+
+    grew: float
+    rose: float
+
+
+def _followed(
+    model: Any, body: _ThrownBody, velocity: tuple[float, ...], seconds: float, above: float = 0.0
+) -> _Path:
+    """Let a body go and compare its energy before and after each contact.
+
+    In free flight MuJoCo turns a body other than a ball with an error of its own: so only contacts
+    count.
+
+    velocity: (6,), m/s and, in its own frame, rad/s.
+    seconds: followed for so long, or _STEPS steps if that is less.
+    above: start over the touch, m.
+
+    Both numbers are infinite where the state is not finite at the end.
+    """
+    data = backend().MjData(model)
+    data.qpos[2] += above
+    data.qpos[3:7] = body.quaternion
+    data.qvel[:] = velocity
+    g = -model.opt.gravity[2]
+    h = model.opt.timestep
+    inertia = model.body_inertia[1] / model.body_mass[1]
+    began = (data.qvel[:3] @ data.qvel[:3] + inertia @ data.qvel[3:] ** 2) / 2
+    # Without gravity a body that a contact has stopped has none to compare with.
+    slowest = max((_SLOWEST * g * h) ** 2 / 2, _ROUND_OFF * began)
+    start = float(data.qpos[2])
+    contacts, speeds, heights = _stepped(model, data, min(round(seconds / h), _STEPS))
+    if not np.isfinite(data.qpos).all():
+        return _Path(math.inf, math.inf)
+    # Without contacts the step from a state was free flight.
+    free = np.flatnonzero(contacts == 0)
+    v = speeds[free, :3] - np.array([0.0, 0.0, _gained_since(model)])
+    turning = speeds[free, 3:]
+    before = np.concatenate([[start], heights[:-1]])[free]
+    # J/kg, of free flight.
+    energy = ((v**2).sum(axis=1) + turning**2 @ inertia) / 2 + g * (before - body.high)
+    # What the contacts have added since the start: in free flight it stays.
+    added = np.diff(energy, prepend=0.0)
+    added[1:][np.diff(free) == 1] = 0.0
+    since = np.cumsum(added)
+    least = np.fmin.accumulate(since)[:-1]
+    grew = np.fmax.reduce(since[1:] / np.maximum(least, slowest), initial=0.0)
+    return _Path(float(grew), float(np.fmax.reduce(heights)) - body.high)
+
+
+def _stepped(model: Any, data: Any, steps: int) -> tuple[NDArray[np.int_], Floats, Floats]:
+    """(number of contacts in the step that led to each of n states, (n,); its qvel, (n, 6); height
+    of the body after the step from it, m, (n,)) of a body on a free joint.
+
+    data: moved on by n = `steps` steps. Hundred thousands of them are taken here: what is computed
+    from them waits for the end.
+    """
+    contacts = np.empty(steps, dtype=int)
+    speeds = np.empty((steps, 6))
+    heights = np.empty(steps)
+    # Views of the state.
+    place = data.qpos
+    motion = data.qvel
+    step = backend().mj_step
+    for k in range(steps):
+        contacts[k] = data.ncon
+        speeds[k] = motion
+        step(model, data)
+        heights[k] = place[2]
+    return contacts, speeds, heights
+
+
+def _gained_since(model: Any) -> float:
+    """Speed that gravity has given since the moment of a state's velocity, m/s downwards.
+
+    A semi-implicit step leaves the speed of its middle; RK4 that of its end.
+    """
+    is_rk4 = model.opt.integrator == int(backend().mjtIntegrator.mjINT_RK4)
+    return 0.0 if is_rk4 else -model.opt.gravity[2] * model.opt.timestep / 2
+
+
+def creep(contact: Contact, options: Stepping, body: _ThrownBody) -> float:
+    """Speed of a body down a slope of 5 degrees, m/s, over the last quarter of the time.
+
+    It starts at rest, in the attitude in which it does not roll down. Infinite where it diverged.
+    """
+    model = _model(contact, options, body, contact.gravity)
+    data = backend().MjData(model)
+    data.qpos[3:7] = body.along
+    model.opt.gravity[:] = contact.gravity * np.array(
+        [math.sin(_CREEP_SLOPE), 0.0, -math.cos(_CREEP_SLOPE)]
+    )
+    steps = min(round(_CREEP_S / contact.timestep), 2 * _STEPS)
+    last = steps // 4
+    backend().mj_step(model, data, nstep=steps - last)
+    start = float(data.qpos[0])
+    backend().mj_step(model, data, nstep=last)
+    drift = (float(data.qpos[0]) - start) / (last * contact.timestep)
+    return abs(drift) if math.isfinite(drift) else math.inf
 
 
 # Seconds of drops in one call.
@@ -50,8 +373,6 @@ _BOX_STEPS = 4000
 _STACK_S = 5.0
 # Depth of its lowest box that is allowed, m, for a step of 1 s.
 _SINKS = 0.3
-# In g h: slower bounces have too little energy to matter.
-_SLOWEST = 1.6
 # A box on its face, on an edge and on a vertex: quaternions, and how high
 # its centre is then over HALF.
 _ATTITUDES = {
@@ -127,10 +448,11 @@ def _rest(model: Any, seconds: float) -> Rest:
 
 
 def box_growth(contact: Contact, options: Stepping, attitude: str, speed: float) -> float:
-    """Largest ratio of a box's energy in a flight to that in an
-    earlier one: above 1 it gained some; infinite where it diverged.
+    """Largest ratio of a box's energy in a flight to that in an earlier one: above 1 it gained
+    some; infinite where it diverged.
 
-    attitude: a key of _ATTITUDES. speed: downwards at touch, m/s.
+    attitude: a key of _ATTITUDES. speed: downwards at touch, m/s; the box starts 2.4 steps before
+    it.
     """
     model, (quaternion, high) = contact.with_boxes(options), _ATTITUDES[attitude]
     data = backend().MjData(model)
@@ -148,10 +470,6 @@ def _growth(model: Any, data: Any, seconds: float) -> float:
     mujoco = backend()
     g = -model.opt.gravity[2]
     h = model.opt.timestep
-    # A semi-implicit step leaves the speed of its middle; RK4 that of its end.
-    is_rk4 = model.opt.integrator == int(mujoco.mjtIntegrator.mjINT_RK4)
-    # Speed gained by gravity since then, m/s.
-    gained = 0.0 if is_rk4 else g * h / 2
     slowest = (_SLOWEST * g * h) ** 2 / 2
     inertia = model.body_inertia[1] / model.body_mass[1]
     least = math.inf  # J/kg
@@ -159,7 +477,7 @@ def _growth(model: Any, data: Any, seconds: float) -> float:
     # Views of the state: ten thousands of steps are taken here.
     linear = data.qvel[:3]
     turning = data.qvel[3:6]
-    ahead = np.array([0.0, 0.0, gained])
+    ahead = np.array([0.0, 0.0, _gained_since(model)])
     for _ in range(round(seconds / h)):
         if not data.ncon:
             v = linear - ahead

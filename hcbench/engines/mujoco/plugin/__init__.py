@@ -224,7 +224,12 @@ def _parts(spec: Any, kind: str, pair: Any) -> list[Any]:
 
 
 def _exclude(spec: Any, kind: str, parts: Sequence[Any]) -> None:
-    """Turn MuJoCo's own contact between the bodies of two parts off."""
+    """Turn MuJoCo's own contact between the bodies of two parts off, in a spec; a body without a
+    name gets one.
+
+    kind: "geom" or "body", of the parts. Warns of shapes whose contact is not exact enough for a
+    force law.
+    """
     if kind == "geom":
         geoms = list(parts)
         owners = [geom.parent for geom in parts]
@@ -242,6 +247,9 @@ def _exclude(spec: Any, kind: str, parts: Sequence[Any]) -> None:
 
 
 def _element(spec: Any, kind: str, name: str) -> Any:
+    """The element of a spec of this kind and name. Raises SettingError, with names that are like
+    it, where there is none.
+    """
     element = getattr(spec, kind)(name) if isinstance(name, str) else None
     if element is None:
         names = [

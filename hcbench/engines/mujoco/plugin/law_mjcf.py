@@ -14,7 +14,12 @@ _PAIRS = {"cup": {"tendon": "contact"}, "plane": dict(zip(("geom1", "geom2"), PA
 
 
 def write_law(root: ET.Element, scene: Scene, law: Law, path: Path) -> None:
-    """Add the law's plug-in to a scene's MJCF; a force law turns MuJoCo's own contact off."""
+    """Add the law's plug-in to a scene's MJCF, for the two geoms or, in a cup, for the tendon; a
+    force law turns MuJoCo's own contact, or the tendon's limit, off.
+
+    path: of the model, for errors. Raises SceneError where the model lacks a part that the form
+    has.
+    """
     form = scene.form
     if is_force(law) and form == "cup":
         named(root, "spatial", "contact", path).set("limited", "false")

@@ -135,7 +135,11 @@ class RowFit:
         return error
 
     def _rows(self, numbers: tuple[Floats, ...]) -> _Rows:
-        """The rows of all launches under each of p settings, shape (p n,)."""
+        """The rows of all launches under each of p settings, shape (p n,), a setting after the
+        other.
+
+        numbers: six columns, (p,) each, as `RowFit.numbers` gives them.
+        """
         stiffness, spring_damping, damping, dmax, width, midpoint = numbers
         # In MuJoCo's reference k = K d/dmax² and b = D/dmax; the spring has d = dmax = dmin.
         weight = self.corners * _WEIGHT / MIN_IMPEDANCE

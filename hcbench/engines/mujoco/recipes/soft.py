@@ -17,6 +17,7 @@ from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, rows_options
 from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, impedance
 from hcbench.recipes.recipe import Recipe, Role, Search, map_result
 from hcbench.recipes.target import Target
+from hcbench.sim.columns import Whole
 from hcbench.system.errors import SettingError
 from hcbench.terms.impact import Floats
 from hcbench.terms.resolution import STEPS_OF_A_LOOP, STEPS_OF_A_WIDE_SPRING
@@ -80,33 +81,56 @@ def _mean(v: Floats, w: Floats) -> Floats:
 
 
 def _restitution(parameters: Floats, speeds: Floats) -> Floats:
-    """e of one contact at speeds over the highest; (population,
-    speeds); 0 where it would go too deep.
+    """e of contacts at impact speeds, (population, speeds); 0 where it would go too deep.
 
-    parameters: (population, 6), in the order of _LOWEST.
+    parameters: (population, 6), in the order of _LOWEST. speeds: over the highest of the band,
+    (speeds,).
 
-    By energy along the depth: v²/2 falls by ΔP + ΔG v on the way in, and grows by ΔP - ΔG
-    v on the way out as long as the contact pushes, v being the interval's mean: first
-    that of its ends, then better.
+    By energy along the depth: v²/2 falls by ΔP + ΔG v on the way in, and grows by ΔP - ΔG v on the
+    way out as long as the contact pushes, v being the interval's mean: first that of its ends, then
+    better.
     """
     work, damping = _work_and_damping(parameters)
-    v = np.broadcast_to(speeds, (len(parameters), len(speeds))).copy()
+    last, part = _way_in(work, damping, speeds)
+    out = _way_out(work, damping, last, part)
+    # -1: it never stops.
+    return np.where(last < 0, 0.0, out / speeds)
+
+
+def _way_in(work: Floats, damping: Floats, speeds: Floats) -> tuple[Whole, Floats]:
+    """(number of the interval in which each impact turns round, -1 where it goes through all; the
+    share of that interval, 0 to 1, that it gets into); (population, speeds) each.
+
+    work, damping: of the intervals, as `_work_and_damping` gives them. speeds: at touch.
+    """
+    v = np.broadcast_to(speeds, (len(work), len(speeds))).copy()
     last = np.full(v.shape, -1)
     part = np.zeros(v.shape)
     for i in range(work.shape[1]):
         P = work[:, i, None]
         G = damping[:, i, None]
+        # At the interval's end, from w²/2 = v²/2 - P - G (v + w)/2.
         rough = np.sqrt(np.maximum(G**2 / 4 - 2 * P - G * v + v**2, 0.0)) - G / 2
         left = v**2 - 2 * (P + G * _mean(v, np.maximum(rough, 0.0)))
         stops = (last < 0) & (left <= 0.0)
-        part = np.where(
-            stops, np.clip(v**2 / 2 / np.maximum(P + G * v * 2 / 3, 1e-300), 0.0, 1.0), part
-        )
+        # Where it stops within the interval, its mean speed there is 2/3 of that at its start.
+        reached = np.clip(v**2 / 2 / np.maximum(P + G * v * 2 / 3, 1e-300), 0.0, 1.0)
+        part = np.where(stops, reached, part)
         last = np.where(stops, i, last)
         if (last >= 0).all():
             break
         v = np.where(last < 0, np.sqrt(np.maximum(left, 0.0)), v)
-    s = np.zeros(v.shape)
+    return last, part
+
+
+def _way_out(work: Floats, damping: Floats, last: Whole, part: Floats) -> Floats:
+    """Speed at which each impact leaves, (population, speeds), in the highest speed of the band.
+
+    work, damping: of the intervals, as `_work_and_damping` gives them.
+    last, part: where each turns round, as `_way_in` gives them. An interval in which the damping
+    would pull adds nothing: the contact only pushes.
+    """
+    s = np.zeros(part.shape)
     for i in range(int(last.max()), -1, -1):
         share = np.where(last == i, part, np.where(last > i, 1.0, 0.0))
         P = work[:, i, None] * share
@@ -115,7 +139,7 @@ def _restitution(parameters: Floats, speeds: Floats) -> Floats:
         rough = np.sqrt(np.maximum(G**2 / 4 + 2 * push + G * s + s**2, 0.0)) - G / 2
         gained = s**2 + 2 * (P - G * _mean(s, np.maximum(rough, 0.0)))
         s = np.where(push > 0, np.sqrt(np.maximum(gained, 0.0)), s)
-    return np.where(last < 0, 0.0, s / speeds)
+    return s
 
 
 @lru_cache(maxsize=64)
@@ -144,7 +168,11 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
         return float(errors(parameters[None])[0])
 
     def polished(start: Floats, others: Floats, evaluations: int) -> Floats:
-        """Better parameters near `start`, which `others` follow."""
+        """Parameters (6,) of less error, by Nelder and Mead from `start`, (k,), with `others`, (6 -
+        k,), left as they are.
+
+        evaluations: at most.
+        """
 
         def error_at(parameters: Floats) -> float:
             return error(np.concatenate([parameters, others]))

@@ -4,7 +4,7 @@ Springs that start at staggered depths add up to the law's elastic force k x^n; 
 impedance grows as x^n are its damping a k x^n v. Rows of contact act on one another: with weights w
 = d/(1 - d) the acceleration is a = Σ w a_ref / (1 + Σ w), so what the springs have to add up to is
 k x^n (1 + Σ w). The restitution depends on the ratio of damping to elastic force alone, and how it
-changes with that ratio is known (`sensitivity`): springs and dampers come out of one linear
+changes with that ratio is known (`restitution_sensitivity`): springs and dampers come out of one linear
 problem, a non-negative least-squares fit.
 """
 
@@ -22,8 +22,8 @@ from hcbench.engines.mujoco.recipes.common import (
     nonnegative_fit,
     rows_options,
 )
-from hcbench.engines.mujoco.recipes.sensitivity import restitution_sensitivity
 from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, weight
+from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.constant import resolvable_law
 from hcbench.recipes.recipe import Recipe, Role
@@ -31,6 +31,41 @@ from hcbench.recipes.target import Target
 from hcbench.system.errors import SettingError
 from hcbench.terms.impact import Floats
 from hcbench.terms.resolution import STEPS_OF_A_LOOP
+
+# Points of the law's path, dense where the body turns round.
+_POINTS = 501
+
+
+def restitution_sensitivity(law: HuntCrossley, mass: float, speed: float, grid: Floats) -> Floats:
+    """Weights K, (n,), with which an error of a contact's damping changes e: δe = K @ (g - a
+    f)(grid).
+
+    law, mass (kg): of the impact. speed: at touch, m/s. grid: penetrations, m, (n,), rising.
+    K is in 1/(N s/m).
+
+    f(x), N, and g(x), N s/m, make a force f + g v near that of the law, for which g = a f with a =
+    (3/2) α. Only the ratio of g to f matters. With the work U = ∫ f dx as the path, d(v²/2)/dU =
+    -(1 + v g/f)/m, and to first order around eq. (16) the integrating factors are 1/(1 + a v) on
+    the way in and 1/(1 - a s) on the way out at speed s:
+
+        δe = -(1 - a e v_i)/(m e v_i²) ∫ (v/(1 + a v) + s/(1 - a s)) (g - a f) dx
+    """
+    a = law.dissipation
+    e = float(closed_form.restitution(law.alpha, speed))
+    # Dense where v turns.
+    x = closed_form.penetration_max(law, mass, speed) * np.sin(np.linspace(0.0, np.pi / 2, _POINTS))
+    v = closed_form.rate_at(law, mass, speed, x, "approach")
+    s = -closed_form.rate_at(law, mass, speed, x, "rebound")
+    integrand = v / (1.0 + a * v) + s / (1.0 - a * s)
+    share = (integrand[1:] + integrand[:-1]) / 2.0 * np.diff(x)
+    middle = (x[1:] + x[:-1]) / 2.0
+    left = np.clip(np.searchsorted(grid, middle) - 1, 0, len(grid) - 2)
+    beyond = np.clip((middle - grid[left]) / (grid[left + 1] - grid[left]), 0.0, 1.0)
+    weights = np.zeros(len(grid))
+    np.add.at(weights, left, share * (1.0 - beyond))
+    np.add.at(weights, left + 1, share * beyond)
+    return np.asarray(-(1.0 - a * e * speed) / (mass * e * speed**2) * weights)
+
 
 # Penetrations and impact speeds of the band at which the rows are fitted.
 _GRID = 1200
@@ -61,10 +96,11 @@ class Damper:
 
 @dataclass(frozen=True)
 class Band:
-    """The law and the impact speeds (m/s) to match, which reach
-    penetrations from `low` to `top` (m).
+    """The law and the impact speeds (m/s) to match, which reach penetrations from `low` to `top`
+    (m).
 
-    lag: half a step (s) where the engine's rates lag the positions by it, else 0.
+    mass: effective, kg. speeds: rising, (s,). lag: half a step (s) where the engine's rates lag the
+    positions by it, else 0.
     """
 
     law: HuntCrossley
@@ -89,7 +125,8 @@ class Band:
 
 
 def band_of(target: Target, law: HuntCrossley, integrator: str) -> Band:
-    """The band of penetrations that a target's speeds reach under a law without its loss.
+    """Band of penetrations that a target's speeds reach under a law without its loss, which goes
+    deepest: mass v²/2 = k xⁿ⁺¹/(n + 1).
 
     integrator: its name; under Euler's kinds rates lag positions by half a step.
     """
@@ -156,9 +193,13 @@ def _straight(onset: float, end: float, highest: float) -> Damper:
 
 
 def knots_of(band: Band, dampers: Sequence[Damper], misfit: float) -> Floats:
-    """Onsets of the springs, m: so close that straight lines are within `misfit` of the curve.
+    """Onsets of the springs, m, rising from 0: so close that straight lines between them are within
+    `misfit` of the curve.
 
-    Relative to the curve, and below the band's lowest penetration to the curve there.
+    dampers: that act beside the springs; their weights add to what the springs have to give.
+    misfit: relative to the curve, and below the band's lowest penetration to the curve there.
+    A straight line over a width w is off a curve of second derivative c by c w²/8 at most: hence
+    the density of knots.
     """
     edges = np.geomspace(band.low * 1e-3, band.top * (1.0 - 1e-6), 3001)
     x = np.sqrt(edges[1:] * edges[:-1])
@@ -186,14 +227,16 @@ class _Fit:
 
 
 def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floats) -> _Fit:
-    """Springs and dampers together: the force near the law's
-    everywhere, the restitution nearer still.
+    """Springs and dampers together: the force near the law's everywhere, the restitution nearer
+    still.
 
     dampers: with their onsets and impedances; how strong each is, is fitted.
-    knots: onsets of the springs, m.
+    knots: onsets of the springs, m, (k,).
     sensitivity: of e at each speed of the band to the force at each penetration of its grid,
-    (speeds, grid), 1/(N s/m). One non-negative least-squares problem has a row for the elastic
-    force and one for the damping at each penetration, and one for e at each speed.
+    (speeds, grid), 1/(N s/m).
+
+    One non-negative least-squares problem: a row for the elastic force and one for the damping at
+    each penetration, and one for e at each speed; a column for each spring and each damper.
     """
     x = band.grid()
     a = band.law.dissipation

@@ -1,30 +1,368 @@
-"""MuJoCo: eq. (16) with rows that only push, for true cups (tendon
-limits) and for MuJoCo before 3.11.
+"""MuJoCo: eq. (16) with rows that only push, for true cups (tendon limits) and for MuJoCo before 3.11.
+
+A row that only pushes cannot be a damper on the way out, unless its own spring outweighs it: each
+damper row has a spring of its own and rises, as a step of its impedance, where the ones before it
+have settled; springs that start at staggered depths make up the rest. Given which rows act where,
+the force is linear in the rows' stiffness and damping: a Levenberg-Marquardt iteration of
+non-negative least squares finds them.
 """
 
-from dataclasses import replace
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, SOFTENED, rows_options
-from hcbench.engines.mujoco.recipes.nonadhesive_fit import (
-    ITERATIONS,
-    InitialGuess,
-    PushingRows,
-    initial_rows,
-    levenberg_marquardt,
-    sample,
+from hcbench.engines.mujoco.recipes.common import (
+    DAMPED_STEP,
+    SOFTENED,
+    SPRING_SOLIMP,
+    nonnegative_fit,
+    rows_options,
 )
 from hcbench.engines.mujoco.recipes.staggered import band_of, knots_of
-from hcbench.engines.mujoco.scene.rows import restitution
+from hcbench.engines.mujoco.scene.rows import (
+    MIN_IMPEDANCE,
+    ConstraintRow,
+    combine,
+    impedance,
+    restitution,
+)
 from hcbench.laws import closed_form
 from hcbench.recipes.constant import resolvable_law
 from hcbench.recipes.recipe import Recipe, Role, Search
 from hcbench.recipes.target import Target
 from hcbench.system.errors import SettingError
 from hcbench.terms.resolution import STEPS_OF_A_LOOP
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hcbench.engines.mujoco.recipes.staggered import Band
+    from hcbench.engines.mujoco.scene.rows import Solimp
+    from hcbench.terms.impact import Floats
+
+# One unit of misfit: relative for a force, absolute for e.
+_FORCE_SCALE = 1e-3
+_RESTITUTION_SCALE = 2e-5
+# Steps of one fit, at most.
+ITERATIONS = 80
+# Damping of the first iteration, relative to the misfit.
+_CAUTION = 0.1
+# Least damping of an iteration.
+_LEAST_CAUTION = 1e-4
+# Damping at which the iteration gives up.
+_MOST_CAUTION = 1e6
+# Least relative fall of the misfit for a step to be taken.
+_PROGRESS = 1e-3
+# Log of highest over lowest penetration for which a guess names its number of dampers.
+_USUAL_LOG_BAND = 2.5
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The law along its own loops, both branches; shape (n,), per unit mass, SI.
+
+    v: the rate that the engine uses there.
+    a: the acceleration to have.
+    scale: makes an error in a one of _FORCE_SCALE.
+    sensitivity: (speeds, n), error in a to error in e over _RESTITUTION_SCALE; both as mean
+    squares.
+    bias: (speeds,), what e turned out to be too high, to be aimed below.
+    """
+
+    x: Floats
+    v: Floats
+    a: Floats
+    scale: Floats
+    sensitivity: Floats
+    speeds: Floats
+    bias: Floats | float = 0.0
+
+    def scaled(self, a: Floats) -> Floats:
+        """An acceleration (n,), or columns (n, k), in units of misfit: n of force, then one of
+        restitution for each speed.
+        """
+        return np.concatenate(
+            [(self.scale * a.T).T, np.einsum("sn,n...->s...", self.sensitivity, a)]
+        )
+
+    def goal(self) -> Floats:
+        """The values that `scaled` should have."""
+        goal = self.scaled(self.a)
+        goal[-len(self.speeds) :] -= self.bias / _RESTITUTION_SCALE / np.sqrt(len(self.speeds))
+        return goal
+
+
+def sample(band: Band, speeds: Floats, points: int) -> Samples:
+    """Samples of the band's law along its loops at impact speeds (m/s), with so many points a
+    branch.
+
+    Evenly in the angle of a sine, so dense where the body turns round; a loop is its way in, then
+    its way out.
+    """
+    law = band.law
+    mass = band.mass
+    angle = (np.arange(points) + 0.5) / points * np.pi / 2
+    columns: list[tuple[Floats, Floats, Floats, Floats]] = []
+    unit = _RESTITUTION_SCALE * np.sqrt(len(speeds))
+    sensitivity = np.zeros((len(speeds), 2 * points * len(speeds)))
+    for i, v_i in enumerate(speeds):
+        deepest = float(closed_form.penetration_max(law, mass, v_i))
+        x = deepest * np.sin(angle)
+        dx = deepest * np.cos(angle) * np.pi / 2 / points
+        v_in = closed_form.rate_at(law, mass, float(v_i), x, "approach")
+        v_out = closed_form.rate_at(law, mass, float(v_i), x, "rebound")
+        largest = float(closed_form.force_max(law, mass, v_i))
+        # A point counts by the depth that it stands for, so that the squares add up to a mean.
+        scale = np.sqrt(dx / (2 * deepest * len(speeds))) / largest * mass / _FORCE_SCALE
+        v_o = float(closed_form.restitution(law.alpha, v_i)) * v_i
+        # δe as in `restitution_sensitivity`, for an error that differs between the branches.
+        factor = -(1 - law.dissipation * v_o) / (v_o * v_i)
+        for v, sign in ((v_in, 1.0), (v_out, -1.0)):
+            a = law.force(x, v) / mass
+            start = len(columns) * points
+            of_branch = sign * factor * dx / (1 + law.dissipation * v) / unit
+            sensitivity[i, start : start + points] = of_branch
+            columns.append((x, v + band.lag * a, a, scale))
+    x, v, a, scale = (np.concatenate(column) for column in zip(*columns, strict=True))
+    return Samples(x, v, a, scale, sensitivity, speeds)
+
+
+@dataclass(frozen=True)
+class InitialGuess:
+    """Start of a fit.
+
+    dampers: how many, in a usual band.
+    power, highest: of their impedance.
+    from_depth: the share of its width from which a damper has to push.
+    lowest: width of the first over the band's lowest penetration.
+    """
+
+    dampers: int
+    power: float
+    highest: float
+    from_depth: float
+    lowest: float
+
+    def solimps(self, low: float, top: float) -> list[Solimp]:
+        """The solimps of the dampers, for a band of penetrations, m."""
+        # A band wider than usual needs more dampers, to lie as close.
+        share = float(np.log(top / low)) / _USUAL_LOG_BAND
+        count = max(self.dampers, round(self.dampers * share))
+        widths = np.geomspace(low * self.lowest, 1.6 * top, count)
+        return [(MIN_IMPEDANCE, self.highest, float(width), 0.5, self.power) for width in widths]
+
+
+@dataclass(frozen=True)
+class PushingRows:
+    """Rows that only push: onsets (m), solimps, and solref's stiffness S (1/s²) and damping D
+    (1/s), (rows,) each.
+
+    misfit: root of the summed squares, in units of misfit; infinite before any fit.
+    """
+
+    onsets: Floats
+    solimps: Sequence[Solimp]
+    stiffness: Floats
+    damping: Floats
+    misfit: float = np.inf
+
+    def rows(self) -> list[ConstraintRow]:
+        """Rows of contact, without those that do nothing."""
+        numbers = zip(self.stiffness, self.damping, self.solimps, self.onsets, strict=True)
+        return [ConstraintRow.direct(*row) for row in numbers if row[0] > 0 or row[1] > 0]
+
+
+@dataclass(frozen=True)
+class _Terms:
+    """Terms of rows at samples, (n, rows) each: a_ref = lever S + rate D, and weights."""
+
+    lever: Floats
+    rate: Floats
+    weights: Floats
+
+    @classmethod
+    def of(cls, x: Floats, v: Floats, onsets: Floats, solimps: Sequence[Solimp]) -> _Terms:
+        """Terms of rows with these onsets, m, at n penetrations x, m, and rates v, m/s."""
+        depth = np.maximum(0.0, x[:, None] - onsets)
+        highest = np.array([solimp[1] for solimp in solimps])
+        d = np.array([impedance(*column) for column in zip(solimps, depth.T, strict=True)]).T
+        weights = np.where(depth > 0, d / (1 - d), 0.0)
+        return cls(d / highest**2 * depth, v[:, None] / highest, weights)
+
+    def reference(self, stiffness: Floats, damping: Floats) -> Floats:
+        return self.lever * stiffness + self.rate * damping
+
+
+def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGuess) -> PushingRows:
+    """Rows to start a fit from: dampers that add up to the law's damping on the way in, with
+    springs that let them act on the way out, and more springs that make up the rest.
+
+    knots: where those more springs start, m; they come first in the rows.
+    guess: how many dampers, and their impedances.
+    """
+    law = band.law
+    low = band.low
+    top = band.top
+    solimps = guess.solimps(low, top)
+    widths = np.array([solimp[2] for solimp in solimps])
+    x = np.concatenate([np.linspace(0.0, low, 40)[1:], np.geomspace(low, top, 120)])
+    force = law.stiffness / band.mass * x**law.exponent
+    terms = _Terms.of(x, np.ones_like(x), np.zeros(len(widths)), solimps)
+    damping = _damping_on_the_way_in(band, terms, force, widths)
+    stiffness = _springs_of_dampers(band, guess, solimps, damping)
+    # Together these springs stay below the law's own force, so that the others have a part of it.
+    elastic = (terms.weights * terms.lever * stiffness).sum(axis=1)
+    room = float((force * (1 + terms.weights.sum(axis=1)) / elastic).min())
+    stiffness = stiffness * min(1.0, 0.95 * room)
+    none_yet = np.zeros(len(knots))
+    rows = PushingRows(
+        np.concatenate([knots, np.zeros(len(widths))]),
+        [SPRING_SOLIMP] * len(knots) + solimps,
+        np.concatenate([none_yet, stiffness]),
+        np.concatenate([none_yet, damping]),
+    )
+    return _fit_springs(samples, rows, len(knots))
+
+
+def _damping_on_the_way_in(band: Band, terms: _Terms, force: Floats, widths: Floats) -> Floats:
+    """Damping D of each damper, 1/s, (dampers,): together the law's, a f(x) v, nearest.
+
+    terms: of the dampers at n penetrations and rate 1. force: elastic force f of the law there, per
+    unit mass, (n,). widths: of the dampers' impedances, m.
+    """
+    # SciPy's optimisation is slow to import.
+    from scipy.optimize import nnls
+
+    law = band.law
+    scale = np.maximum(force, law.stiffness / band.mass * band.low**law.exponent)
+    columns = terms.weights * terms.rate / scale[:, None]
+    D, _ = nnls(columns, law.dissipation * force / scale, maxiter=10_000)
+    # No damper is left out at the start: the fit could not revive it.
+    return np.asarray(np.maximum(D, 1e-3 * D.max() * widths / band.top))
+
+
+def _springs_of_dampers(
+    band: Band, guess: InitialGuess, solimps: Sequence[Solimp], damping: Floats
+) -> Floats:
+    """Stiffness S, 1/s², of each damper row, with which its own spring outweighs it on the way out
+    of the fastest impact, from a share of its width on, (dampers,).
+
+    solimps, damping (1/s): of the dampers.
+    """
+    law = band.law
+    widths = np.array([solimp[2] for solimp in solimps])
+    depth = np.minimum(guess.from_depth * widths, band.top)
+    # Without loss: the energy that is left at that depth.
+    speed = band.speeds[-1] * np.sqrt(np.maximum(0.0, 1 - (depth / band.top) ** (law.exponent + 1)))
+    levers = np.zeros(len(widths))
+    for i, solimp in enumerate(solimps):
+        levers[i] = impedance(solimp, depth[i]) * depth[i] / solimp[1] ** 2
+    elastic = law.stiffness / band.mass * depth**law.exponent
+    return np.asarray((damping / guess.highest * speed + elastic) / levers)
+
+
+def _fit_springs(samples: Samples, rows: PushingRows, springs: int) -> PushingRows:
+    """The first `springs` rows with fitted stiffness S (1/s²), beside the others as they are.
+
+    Rows of weights w and reference accelerations r give a (1 + Σ w) = Σ w r, which is linear in S:
+    the springs have no damping. Which of the other rows act is taken from the law's own
+    acceleration; the springs are taken to act from their onsets on.
+    """
+    terms = _Terms.of(samples.x, samples.v, rows.onsets, rows.solimps)
+    reference = terms.reference(rows.stiffness, rows.damping)
+    acts = terms.weights * (reference > samples.a[:, None])
+    acts[:, :springs] = terms.weights[:, :springs]
+    rest = samples.a * (1 + acts.sum(axis=1)) - (acts * reference)[:, springs:].sum(axis=1)
+    # A spring below all samples has a column of 0.
+    columns = samples.scaled((terms.weights * terms.lever)[:, :springs])
+    solution, _ = nonnegative_fit(columns, samples.scaled(rest))
+    return replace(rows, stiffness=np.concatenate([solution, rows.stiffness[springs:]]))
+
+
+class _LeastSquares:
+    """The problem that `levenberg_marquardt` solves, in the parameters S of
+    all rows and D of the dampers.
+    """
+
+    def __init__(self, samples: Samples, rows: PushingRows) -> None:
+        self.samples = samples
+        self.goal = samples.goal()
+        self.terms = _Terms.of(samples.x, samples.v, rows.onsets, rows.solimps)
+        self.dampers = rows.damping > 0.0
+        self.start = np.concatenate([rows.stiffness, rows.damping[self.dampers]])
+
+    def split(self, parameters: Floats) -> tuple[Floats, Floats]:
+        """(S, D) of all rows."""
+        count = len(self.dampers)
+        damping = np.zeros(count)
+        damping[self.dampers] = parameters[count:]
+        return parameters[:count], damping
+
+    def evaluate(self, parameters: Floats) -> tuple[Floats, float]:
+        """(weights of the rows that act, misfit)."""
+        reference = self.terms.reference(*self.split(parameters))
+        a, weights = combine(reference, self.terms.weights, False, axis=1)
+        return weights, float(np.linalg.norm(self.samples.scaled(a) - self.goal))
+
+    def linearised(self, parameters: Floats, weights: Floats) -> tuple[Floats, Floats, Floats]:
+        """(normal matrix (k, k), right side (k,), unit (k,) of each of the k
+        parameters) where these rows act.
+
+        weights: of the rows, (n, rows), 0 for one that does not act.
+        """
+        S = parameters[: len(self.dampers)]
+        D = parameters[len(self.dampers) :]
+        least = [np.full(len(S), np.median(S[S > 0])), np.full(len(D), np.median(D))]
+        unit = np.maximum(parameters, 1e-3 * np.concatenate(least))
+        columns = np.concatenate(
+            [weights * self.terms.lever, (weights * self.terms.rate)[:, self.dampers]], axis=1
+        )
+        jacobian = self.samples.scaled(columns / (1 + weights.sum(axis=1))[:, None]) * unit
+        # Sums in a fixed order: the answer must not depend on a linear algebra library's threads.
+        normal = np.einsum("ni,nj->ij", jacobian, jacobian)
+        return normal, np.einsum("ni,n->i", jacobian, self.goal), unit
+
+
+def levenberg_marquardt(samples: Samples, rows: PushingRows, search: Search) -> PushingRows:
+    """The same rows with strengths S and D that fit the samples better: the best after ITERATIONS,
+    or from where no step helps any more.
+
+    rows: start; its onsets and impedances stay, and dampers without D get none. search: counts
+    ITERATIONS, whether they are needed or not.
+    """
+    from scipy.optimize import nnls
+
+    problem = _LeastSquares(samples, rows)
+    parameters = problem.start
+    caution = _CAUTION
+    weights, misfit = problem.evaluate(parameters)
+    normal, right, unit = problem.linearised(parameters, weights)
+    for iteration in range(ITERATIONS):
+        if caution >= _MOST_CAUTION:
+            search.add(ITERATIONS - iteration)
+            break
+        search.add(1)
+        damping = (caution * misfit) ** 2 / len(parameters)
+        root = np.linalg.cholesky(
+            normal + (damping + 1e-12 * np.trace(normal)) * np.eye(len(parameters))
+        )
+        # Non-negative least squares of the Cholesky factor: damped normal equations with bounds.
+        right_side = np.linalg.solve(root, right + damping * parameters / unit)
+        trial = nnls(root.T, right_side, maxiter=10_000)[0] * unit
+        trial_weights, trial_misfit = problem.evaluate(trial)
+        if trial_misfit < misfit * (1 - _PROGRESS):
+            parameters = trial
+            misfit = trial_misfit
+            caution = max(caution / 3, _LEAST_CAUTION)
+            normal, right, unit = problem.linearised(parameters, trial_weights)
+        else:
+            caution *= 3
+    return PushingRows(rows.onsets, rows.solimps, *problem.split(parameters), misfit)
+
 
 # The best ones of many, tried over n, alpha and bands; dampers are for a
 # band of penetrations of 11 to 1.

@@ -86,7 +86,7 @@ class _Pairs:
         return parameters
 
     def rows(self, parameters: Floats) -> list[ConstraintRow]:
-        """The spring and the damper of parameters (6,), in the order of _LOWEST."""
+        """The spring and the damper, in SI units, of parameters (6,) in the order of _LOWEST."""
         log_damping, log_width, logit, power, midpoint, onset = parameters.tolist()
         highest = _logistic(logit)
         D = math.exp(log_damping)
@@ -123,9 +123,10 @@ def two_pair(target: Target, integrator: str = "Euler") -> dict[str, Any]:
 
 
 def two_pair_rows(target: Target) -> list[ConstraintRow]:
-    """The spring and the damper, fitted to the target's e without gravity.
+    """The spring and the damper, fitted to the target's e without gravity, from up to two starts.
 
-    Raises SettingError for a target without loss, SearchInterrupted with the best so far.
+    Raises SettingError for a target without loss or without bounce, SearchInterrupted with the best
+    so far.
     """
     # SciPy's optimisation is slow to import.
     from scipy.optimize import least_squares

@@ -215,9 +215,11 @@ _MASK = (1 << _BITS) - 1
 class BatchedModel:
     """A compiled model of `size` balls, each free or on a slide along z.
 
-    at: where position and velocity of the ball start in a full state of the model of
-    one, which is free. A state of the batch is time, then the positions of each
-    ball, then the velocities of each.
+    at: where position and velocity of the ball start in a full state of the model of one, which is
+    free, (nstate,). A state of the batch is time, then the positions of each ball, then the
+    velocities of each.
+    sliding: on a slide a ball has one position and one velocity, along z; the others stay what they
+    are.
     """
 
     model: Any
@@ -286,8 +288,8 @@ class BatchedModel:
         return _SLIDING if self.sliding else _FREE
 
     def _spans(self) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
-        """Spans of positions and velocities: place in a packed state,
-        numbers a ball, place in its state.
+        """(place in a state of the batch, numbers a ball, place in the state of one ball) of
+        positions, then of velocities.
         """
         nq, nv = self._widths
         inner = Z if self.sliding else 0

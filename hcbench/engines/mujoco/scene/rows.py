@@ -81,9 +81,10 @@ def parting_speed(push: Push, speed: float, first_step: float, longest: float) -
 
 
 def _step(push: Push, x: float, v: float, step: float) -> tuple[float, float, float, float]:
-    """(x m, v m/s) one step (s) on, and the sizes of their errors in the same units.
+    """(x m, v m/s) one step (s) on, and the sizes of their errors in the same units, by Dormand and
+    Prince.
 
-    push: acceleration of the contact, m/s², at (x, v); below 0 it counts as none.
+    push: acceleration apart of the contact, m/s², at (x, v); below 0 it counts as none.
     """
     # Rates of x and of v at each stage; the contact only pushes.
     speeds = [v]
@@ -168,7 +169,10 @@ class ConstraintRow:
         onset: float = 0.0,
         adhesion: float = 0.0,
     ) -> ConstraintRow:
-        """The row of a stiffness S, 1/s², and a damping D, 1/s."""
+        """The row of a stiffness S, 1/s², and a damping D, 1/s, per unit effective mass.
+
+        onset: m. adhesion: N.
+        """
         return cls((-float(stiffness), -float(damping)), solimp, float(onset), float(adhesion))
 
     def with_friction(self, coefficient: float, timestep: float, impratio: float) -> ConstraintRow:
@@ -198,7 +202,9 @@ class ConstraintRow:
         return -self.solref[1]
 
     def option(self) -> dict[str, Any]:
-        """The row as a MuJoCo setting writes it."""
+        """The row as a MuJoCo setting writes it, by the fields' names; friction only where there is
+        some.
+        """
         option: dict[str, Any] = {
             "solref": list(self.solref),
             "solimp": list(map(float, self.solimp)),
@@ -225,8 +231,11 @@ def _held_impedance(d: float) -> float:
 
 
 def impedance(solimp: Sequence[Floats | float], depth: Floats) -> Floats:
-    """Impedance d, from 0 to 1, at depths below the onset (m); solimp's
-    numbers and depths broadcast.
+    """Impedance d, from 0 to 1, at depths below the onset (m); solimp's numbers and depths
+    broadcast.
+
+    MuJoCo's documentation, Modeling, "Impedance": d0 at touch, dw from the width on, and a power
+    sigmoid between.
     """
     d0, dw, width, midpoint, power = solimp
     # `np.clip` takes four times as long.

@@ -65,46 +65,66 @@ def load(scene: Scene, timestep: float, options: Options) -> SceneModel:
     """
     mujoco = backend()
     root = scene_tree(scene, timestep, options)
-    path = model_path(scene)
-    if any(row.adhesion for row in options.rows):
-        require_feature(mujoco, "adhesion")
-    if options.integrator == "discrete":
-        require_feature(mujoco, "integrator 'discrete'")
-    sensed = any(option.get("integrator") == "RK4" for option in root.iterfind("option"))
-    if sensed:
+    _require_features(mujoco, options)
+    is_sensed = any(option.get("integrator") == "RK4" for option in root.iterfind("option"))
+    if is_sensed:
         add_acceleration_sensor(root)
     with captured_warnings():
         try:
             model = mujoco.MjModel.from_xml_string(as_text(root))
         except ValueError as error:
             what = " ".join(str(error).split())
-            raise SceneError(str(path), what, "MJCF that MuJoCo loads") from None
-        data = mujoco.MjData(model)
+            raise SceneError(str(model_path(scene)), what, "MJCF that MuJoCo loads") from None
+        joint = _find_ball(mujoco, model, scene)
+        _check_touch(mujoco, model, joint, scene, options)
+        _check_flight(mujoco, model, joint, scene)
         kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
         origin = np.empty(mujoco.mj_stateSize(model, kind))
-        mujoco.mj_getState(model, data, origin, kind)
-        joint = _find_ball(mujoco, model, scene)
-        position = int(model.jnt_qposadr[joint])
-        velocity = int(model.jnt_dofadr[joint])
-        data.qpos[position + 2] -= _OVERLAP
-        mujoco.mj_forward(model, data)
-        seen = _overlap(mujoco, model, data, scene)
-        if scene.form == "cup" and options.rows:
-            seen += options.rows[0].onset
+        mujoco.mj_getState(model, mujoco.MjData(model), origin, kind)
+    # A state is the time, then positions, then velocities.
+    position = 1 + int(model.jnt_qposadr[joint])
+    velocity = 1 + int(model.nq) + int(model.jnt_dofadr[joint])
+    return SceneModel(
+        mujoco=mujoco,
+        model=model,
+        root=root,
+        scene=scene,
+        timestep=timestep,
+        origin=origin,
+        at=(position, velocity),
+        clearance=-scene.plate_radius - scene.ball_radius if scene.form == "cup" else None,
+        sensed=is_sensed,
+        plugged=options.law is not None,
+    )
+
+
+def _require_features(mujoco: Any, options: Options) -> None:
+    """Raise EngineMissing where the installed MuJoCo is too old for a setting."""
+    if any(row.adhesion for row in options.rows):
+        require_feature(mujoco, "adhesion")
+    if options.integrator == "discrete":
+        require_feature(mujoco, "integrator 'discrete'")
+
+
+def _check_touch(mujoco: Any, model: Any, joint: int, scene: Scene, options: Options) -> None:
+    """Require that ball and plate just touch at qpos0, with the scene's radii: a ball lowered by
+    _OVERLAP must be so deep in the plate.
+
+    joint: number of the ball's free joint. Raises SceneError where it is not.
+    """
+    data = mujoco.MjData(model)
+    data.qpos[int(model.jnt_qposadr[joint]) + 2] -= _OVERLAP
+    mujoco.mj_forward(model, data)
+    seen = _overlap(mujoco, model, data, scene)
+    if scene.form == "cup" and options.rows:
+        # The limit of the tendon begins where its row does.
+        seen += options.rows[0].onset
     if abs(seen - _OVERLAP) > _SHAPE_TOLERANCE:
         raise SceneError(
-            str(path),
+            str(model_path(scene)),
             f"ball and plate overlap by {seen:.6e} m where the scene says {_OVERLAP:g} m",
             "the ball to just touch at qpos0, with the radii of scene.toml",
         )
-    with captured_warnings():
-        _check_flight(mujoco, model, joint, scene)
-    # A state is the time, then positions, then velocities.
-    at = (1 + position, 1 + int(model.nq) + velocity)
-    clearance = -scene.plate_radius - scene.ball_radius if scene.form == "cup" else None
-    return SceneModel(
-        mujoco, model, root, scene, timestep, origin, at, clearance, sensed, options.law is not None
-    )
 
 
 def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:

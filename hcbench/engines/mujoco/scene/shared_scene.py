@@ -183,7 +183,8 @@ def _power(engine: SharedModelEngine, rows: Rows) -> Iterator[Suspect]:
 def _impedance(
     model: Any, engine: SharedModelEngine, rows: Rows, geoms: Sequence[int]
 ) -> Iterator[Suspect]:
-    """Suspect numbers of 32 bits, in which a bounce in one step rounds its impedance.
+    """Suspect numbers of 32 bits, in which a bounce in one step rounds its impedance; nothing for
+    an engine that keeps it.
 
     rows: (solref, solimp) of the contact; a row counts whose damper alone, in the direct format,
     reverses the body in a step. geoms: that the fix changes.

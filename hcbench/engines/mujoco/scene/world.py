@@ -105,9 +105,9 @@ def record(
     warm: accelerations from which MuJoCo's solver starts, (nv,); None: from those without contact.
     oblique: look along the plate too.
 
-    Returns penetration (m), rate (m/s), force (N), and along the plate the eight rows of
-    `_along_plate`, of each step, (3 or 11, b, n), NaN from where MuJoCo gave up; and the states
-    after, (b, nstate). None where it gave up on a whole batch, for the sake of one ball in it.
+    Returns (what is seen of n steps, (3 or 11, b, n): penetration (m), rate (m/s), force (N), and
+    along the plate the eight rows of `_along_plate`, NaN from where MuJoCo gave up; the states
+    after, (b, nstate)). None where it gave up on a whole batch, for the sake of one ball in it.
     """
     batch = workspace.batch
     packed = workspace.batch.pack(states)
@@ -439,7 +439,8 @@ class BatchPool:
         """Number of balls in a model for `balls` launches and about `steps` more steps.
 
         now: balls in a model until now, 0 at release. The number changes only where the time that
-        it saves is worth compiling another model; a few launches left of many go on alone.
+        it saves is worth compiling another model; a few launches left of many go on alone. No
+        number changes a bit of the results.
         """
         # Several models are stepped at once.
         for_each_thread = math.ceil(balls / self.threads)
@@ -467,7 +468,9 @@ class MujocoWorld(World):
     diverged = "MuJoCo gave up: a position, velocity or acceleration was not finite or above 1e10"
 
     def __init__(self, pool: BatchPool) -> None:
-        """Find how many launches a simulation of this model holds at best."""
+        """Find how many launches a simulation of the pool's model holds at best, and keep MuJoCo's
+        warnings from the user.
+        """
         self.pool = pool
         scene = pool.model.scene
         self.timestep = pool.model.timestep

@@ -312,7 +312,7 @@ def _soft_row(context: Context, friction: float) -> tuple[ConstraintRow, float]:
     friction: Coulomb's μ. The row is so soft that friction hardly lifts.
     """
     # Here, as it imports SciPy's searches.
-    from hcbench.engines.mujoco.recipes.compliant_fit import IMPRATIO, whole_step_row
+    from hcbench.engines.mujoco.recipes.compliant import IMPRATIO, whole_step_row
 
     row = whole_step_row(context.goal(), context.timestep, len(context.place.contact.rows))
     return row.with_friction(friction, context.timestep, IMPRATIO), IMPRATIO

@@ -68,7 +68,9 @@ def servo_damping(context: Context) -> Iterator[Suspect]:
 
 
 def solver(context: Context) -> Iterator[Suspect]:
-    """Suspect a solver that stops before it has found the forces: looser than MuJoCo's defaults."""
+    """Suspect a solver that stops before it has found the forces: with fewer iterations or a larger
+    tolerance than MuJoCo's defaults. At most one suspect.
+    """
     options = context.model.opt
     loose = []
     for name, own in _SOLVER.items():
@@ -128,7 +130,9 @@ def gravity(context: Context) -> Iterator[Suspect]:
 
 
 def losses(context: Context) -> Iterator[Suspect]:
-    """Suspect damping outside the contact: of joints, and of a medium."""
+    """Suspect damping outside the contact: damping or dry friction of the joint that carries the
+    moving body, and a fluid that the model is filled with. Up to three suspects.
+    """
     model = context.model
     dofs = list(context.place.joint.dofs)
     joint = body_name(model, context.place.joint.body)
@@ -156,7 +160,9 @@ def losses(context: Context) -> Iterator[Suspect]:
 
 
 def margin(context: Context) -> Iterator[Suspect]:
-    """Suspect margin and gap, where the contact's force begins away from the surfaces."""
+    """Suspect margin and gap, where the contact's force begins away from the surfaces; at most one
+    suspect.
+    """
     onset = context.place.contact.onset
     if onset == 0:
         return
