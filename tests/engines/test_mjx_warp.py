@@ -264,7 +264,7 @@ def test_the_kinds_of_settings_that_exist_gain_no_energy_in_float32(engine: str)
 @pytest.mark.needs_engine
 @pytest.mark.parametrize("engine", ["mjx", "mujoco-warp"])
 def test_settings_keep_friction_and_what_slides_on_them_moves_as_in_mujoco(engine: str) -> None:
-    """What slides is judged in MuJoCo, whose contact both have: here by their own steps."""
+    """Oblique launches by the engine's own steps: `tune` has them run in MuJoCo."""
     rubbing = dataclasses.replace(target(2e-3), gravity=HEAVY.gravity, friction=1.0)
     setting = registry.recipe(f"{engine}.compliant-pairs")(rubbing)
     assert 'condim="3"' in registry.engine(engine).snippet(setting, "plane")
