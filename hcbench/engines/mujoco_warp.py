@@ -86,7 +86,7 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
             text += "\n<!-- as geom1, each pair needs its own massless copy of the ball's geom -->"
         return text
 
-    def law_lines(self, law: PythonLaw | None) -> str:
+    def law_lines(self, law: PythonLaw | None, pair: Pair = PAIR) -> str:
         """Return the lines that add a law to a model."""
         return law_text(law, _FORCE, _EACH)
 

@@ -136,10 +136,11 @@ def gravity(
     fix: Callable[[float], str],
     apply: Callable[[Any], None],
 ) -> Iterator[Suspect]:
-    """Yield the suspect of gravity, where it changes the speed much within a step or a contact.
+    """Yield the suspect of gravity, where it changes the speed much within a step or a contact; at
+    most one.
 
     acceleration: vector, m/s^2. timestep: s.
-    fix: what to write, of the longest contact (s) that gravity leaves alone.
+    fix: makes what to write, of the longest contact (s) that gravity leaves alone.
     apply: takes gravity away in a model.
     """
     g = float(np.linalg.norm(acceleration))

@@ -15,13 +15,12 @@ from hcbench.measuring.measurement import Cause, Measurement
 from hcbench.system.text import number, sanitized, table, without_empty
 from hcbench.terms.impact import Impact
 from hcbench.terms.records import IMPACT, LOOP, PHASE, REST, SPEED, record
+from hcbench.terms.resolution import NOTABLE_SHARE
 
 SCHEMA = 1
 _LOOP_SAMPLES = 200
 # From this α v on a loop of the law has an area to compare with.
 _LOSSY = 1e-3
-# Speed lost other than to the contact is reported above this share of the impact speed.
-_NOTABLE_SHARE = 0.005
 # A warning names impact speeds above this multiple of the launch speed.
 _FASTER = 1.5
 # Steps of a launch: two to three of flight, and as many again for the fall under gravity.
@@ -212,7 +211,7 @@ def _gained(measurement: Measurement) -> float:
 def _acts_on(measurement: Measurement, point: CurvePoint) -> bool:
     """True where joints or servos change the speed between the contact's force and the touch plane."""
     change = abs(point.restitution_after_force - point.restitution)
-    return bool(measurement.facts.shares) and change >= _NOTABLE_SHARE
+    return bool(measurement.facts.shares) and change >= NOTABLE_SHARE
 
 
 def _parting_note(measurement: Measurement) -> list[str]:
@@ -232,11 +231,11 @@ def _shares_note(measurement: Measurement) -> list[str]:
     did.
     """
     facts = measurement.facts
-    if not facts.more_than_contact >= _NOTABLE_SHARE:
+    if not facts.more_than_contact >= NOTABLE_SHARE:
         return []
     notable = []
     for name, share in facts.shares.items():
-        if abs(share) >= _NOTABLE_SHARE:
+        if abs(share) >= NOTABLE_SHARE:
             notable.append(f"{share:+.2g} by {name}")
     return [f"While in contact the approach changed by, in speeds at touch: {', '.join(notable)}."]
 

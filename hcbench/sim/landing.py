@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 PARTED_S = 0.005
 # Time after the first touch, s, in which a landing is measured.
 WINDOW_S = 0.5
+# A floor is waited for as long as this times the time of a free fall, and some s more.
+_FALL_SHARE = 1.5
+_SLACK_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,6 +205,15 @@ class FootfallLog:
             part, self.touch, self.speed, self.slide, self.contact, self.bounces,
             self.force_max, self.slip, self.penetration,
         )  # fmt: skip
+
+
+def latest_touch(height: float, gravity: float) -> float:
+    """Time after release, s, at which a robot that has not touched a floor meets none.
+
+    height: of its lowest point over the floor, m. gravity: m/s². Legs that its controller moves may
+    touch later than a free fall does.
+    """
+    return _FALL_SHARE * math.sqrt(2.0 * height / gravity) + _SLACK_S
 
 
 def take_off_speed(force: Floats, rising: Floats, step: float) -> float:

@@ -194,12 +194,14 @@ class SharedModelEngine(OpensModels, SteppedEngine):
     own: words of the options that it does not have.
     lacks: its features that this engine ignores without a warning, as it names them.
     exact: how to have it compute in 64 bits.
+    sets_solref: whether its lines of e(v) set the solref of a contact in one step.
     """
 
     model_engine: str
     own: tuple[str, ...] = ("law", "device")
     lacks: frozenset[str] = frozenset()
     exact = ""
+    sets_solref = True
     oblique = False
     several_corners = True
 
@@ -225,8 +227,11 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         """
 
     @abstractmethod
-    def law_lines(self, law: PythonLaw | None) -> str:
-        """Lines in the engine's own words that put a law into its steps; "" for none."""
+    def law_lines(self, law: PythonLaw | None, pair: Pair = PAIR) -> str:
+        """Lines in the engine's own words that put a law into its steps; "" for none.
+
+        pair: names of the two geoms.
+        """
 
     def bits_of(self, setting: Setting) -> int:
         """Return the bits of the engine's numbers under a setting. Raises SettingError."""
@@ -290,11 +295,11 @@ class SharedModelEngine(OpensModels, SteppedEngine):
     def _shared(self, setting: Setting) -> Setting:
         """Part of a setting that `model_engine` reads, as a setting of that engine.
 
-        For e(v) it has a contact that answers in one step, D = 1/h: the law's lines then set its
-        solref.
+        For e(v) it has a contact that answers in one step, D = 1/h, where the law's lines set its
+        solref (`sets_solref`).
         """
         options = {word: value for word, value in setting.options.items() if word not in self.own}
-        if isinstance(self.law(setting), Restitution):
+        if self.sets_solref and isinstance(self.law(setting), Restitution):
             d = self.impedance(setting)
             options["rows"] = [
                 {"solref": [0.0, -1.0 / setting.timestep], "solimp": [d, d, 0.001, 0.5, 2.0]}
@@ -314,7 +319,7 @@ class SharedModelEngine(OpensModels, SteppedEngine):
 
     def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
         """Return the law's lines; without a law, the snippet of `model_engine`."""
-        lines = self.law_lines(self.law(setting))
+        lines = self.law_lines(self.law(setting), pair)
         return lines or registry.engine(self.model_engine).snippet(
             self._shared(setting), form, pair
         )

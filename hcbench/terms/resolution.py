@@ -37,6 +37,8 @@ STEPS_AT_ITS_ENDS = 100
 STEPS_WITHOUT_CHANCE = 500
 
 # How near is the same.
+# Share of the impact speed, lost to or gained from others than the contact, that is reported.
+NOTABLE_SHARE = 0.005
 # A setting follows the law if its error is at most this share of the best constant's.
 FOLLOWS = 0.1
 # 95 % of a normal distribution lie within so many standard deviations of the mean.

@@ -105,6 +105,7 @@ def test_only_the_front_door_imports_by_a_string() -> None:
 # Short re-exports that keep documented imports alive, other libraries' words, threads that cases
 # cite, and examples that a user types.
 ABOUT_ENGINES = {
+    "contact/mjx.py",
     "contact/mujoco.py",
     "contact/pybullet.py",
     "cases/make.py",

@@ -24,7 +24,13 @@ from hcbench.system.errors import HcbenchError
 from hcbench.terms.scene import Material
 
 ROOT = Path(__file__).parents[2]
-MODULES = ("hcbench", "hcbench.paper", "hcbench.contact.mujoco", "hcbench.contact.pybullet")
+MODULES = (
+    "hcbench",
+    "hcbench.paper",
+    "hcbench.contact.mjx",
+    "hcbench.contact.mujoco",
+    "hcbench.contact.pybullet",
+)
 WRONG: list[Any] = [
     None,
     "x",
@@ -110,6 +116,7 @@ RIGHT: dict[str, dict[str, Any]] = {
         "stiffness": 1e7,
         "restitution": 0.9,
     },
+    "hcbench.contact.mjx.restitution": {"model": SPEC.compile(), "pairs": {("ball", "plate"): 0.3}},
     "hcbench.contact.mujoco.config": {"law": LAW},
     "hcbench.contact.mujoco.add_to_spec": {"spec": SPEC, "law": LAW, "geoms": ("ball", "plate")},
     "hcbench.contact.mujoco.hertz_stiffness": {

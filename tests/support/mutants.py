@@ -377,8 +377,8 @@ MUTANTS = (
     Mutant(
         "workers/__init__.py",
         "map_surviving_crashes",
-        "if crashes == give_up:",
-        "if crashes > give_up:",
+        "if crashes_in_a_row == give_up:",
+        "if crashes_in_a_row > give_up:",
         "an engine that dies so many times in a row is given up",
         ("tests/workers",),
     ),

@@ -69,7 +69,11 @@ _CAVEATS = (
 
 
 def vocabulary(contact: OneContact) -> Vocabulary:
-    """The bounce in one step, and the spring and damper."""
+    """One contact in MuJoCo's parameters: solref of a bounce in one step, and of a spring and
+    damper; with what is missing for either, and caveats.
+
+    Without an e it has neither.
+    """
     rows: list[SystemValue] = []
     missing: list[str] = []
     if contact.restitution is not None:
@@ -140,7 +144,7 @@ class MujocoEngine(
     )
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """The bounce in one step, and the spring and damper."""
+        """One contact in MuJoCo's parameters, for `hcbench convert`: see `vocabulary`."""
 
         return vocabulary(contact)
 
@@ -153,7 +157,7 @@ class MujocoEngine(
         if "law" not in setting.options:
             rows = mjcf.rows_snippet(setting, form, pair) if setting.options.get("rows") else ""
             return rows or setting.options_text
-        from hcbench.engines.mujoco.plugin.law_mjcf import law_snippet
+        from hcbench.engines.mujoco.plugin import law_snippet
 
         options = read_options(setting.options)
         assert options.law is not None

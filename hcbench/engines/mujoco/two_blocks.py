@@ -7,8 +7,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, require_feature
-from hcbench.engines.mujoco.plugin import load
-from hcbench.engines.mujoco.plugin.law_mjcf import extension
+from hcbench.engines.mujoco.plugin import extension, load
 from hcbench.engines.mujoco.recipes.staggered import staggered_rows
 from hcbench.engines.mujoco.scene.elements import as_text
 from hcbench.engines.mujoco.scene.mjcf import add_pairs, numbers_text, set_mass

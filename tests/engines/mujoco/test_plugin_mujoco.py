@@ -45,7 +45,7 @@ from hcbench.contact.mujoco import (
     Restitution,
     TouchSpeedLaw,
 )
-from hcbench.engines.mujoco.plugin.law_mjcf import law_snippet
+from hcbench.engines.mujoco.plugin import law_snippet
 from hcbench.engines.mujoco.scene.mjcf import model_xml
 from hcbench.laws import closed_form
 from hcbench.laws.published import LAWS, Flores

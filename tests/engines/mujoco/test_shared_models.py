@@ -25,7 +25,7 @@ from hcbench.sim.shared_model import Copies, SharedModelEngine
 from hcbench.system.errors import SettingError
 from hcbench.terms.impact import Floats, Impact, Launch, Status
 from hcbench.terms.scene import load_scene
-from hcbench.terms.setting import Setting
+from hcbench.terms.setting import Pair, Setting
 
 SPEEDS = [0.07, 0.33, 0.9]
 STIFF = PAIR.format('solref="0 -1900" solimp=".9999 .9999 .001"')
@@ -74,7 +74,7 @@ class ItselfEngine(SharedModelEngine):
     def version(self) -> str:
         return "1.0"
 
-    def law_lines(self, law: Any) -> str:
+    def law_lines(self, law: Any, pair: Pair = ("ball", "plate")) -> str:
         return ""
 
     def copies(self, model: Any, start: Any, *_: Any) -> Copies:

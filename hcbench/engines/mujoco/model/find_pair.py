@@ -546,7 +546,11 @@ def _shape(model: Any, geom: int) -> str:
 def _mass_along(
     model: Any, data: Any, bodies: tuple[int, int], point: Floats, normal: Floats
 ) -> float:
-    """Effective mass of two bodies along a normal, kg; NaN where no joint moves one along it."""
+    """Effective mass of two bodies along a normal, kg; NaN where no joint moves one along it, but
+    for round-off.
+
+    point: where they meet, m, (3,). normal: unit vector, (3,).
+    """
     first, second = bodies
     mass = effective_mass(model, data, approach_row(model, data, first, second, point, normal))
     heaviest = _HEAVIEST * float(model.body_mass.sum())

@@ -33,16 +33,13 @@ from hcbench.sim.landing import (
     FootfallLog,
     Landing,
     Landings,
+    latest_touch,
     take_off_speed,
 )
 from hcbench.sim.model_under_test import Request
 from hcbench.sim.touch import Touchdowns, TrajectoryTouchdowns
 from hcbench.system.errors import EngineFailed, UserError
 from hcbench.terms.impact import Floats
-
-# A floor is waited for as long as this times the time of a free fall, and some s more.
-_FALL_SHARE = 1.5
-_SLACK_S = 0.2
 
 
 def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) -> Landings:
@@ -226,10 +223,10 @@ class _Bench:
         """
         robot = self.over_floor
         jacobian = np.zeros((3, self.model.nv))
-        latest_touch = _FALL_SHARE * math.sqrt(2.0 * height / robot.gravity) + _SLACK_S
+        latest = latest_touch(height, robot.gravity)
         fall = _Fall({}, [], [])
         first_touch = math.nan
-        for step in range(math.ceil((latest_touch + WINDOW_S) / self.timestep)):
+        for step in range(math.ceil((latest + WINDOW_S) / self.timestep)):
             time = step * self.timestep
             drive(data)
             before = data.qvel.copy()
@@ -240,7 +237,7 @@ class _Bench:
             since_touch = time - first_touch if fall.feet else 0.0
             self._tread(fall.feet, pressed, struck, since_touch)
             if not fall.feet:
-                if time > latest_touch:
+                if time > latest:
                     break
                 continue
             if not fall.forces:
@@ -256,7 +253,7 @@ class _Bench:
         if not fall.feet:
             raise UserError(
                 "model",
-                f"the robot met nothing within {latest_touch:.3g} s",
+                f"the robot met nothing within {latest:.3g} s",
                 "a floor that it collides with",
             )
         return fall

@@ -15,7 +15,14 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model.bodies import integrator_name
-from hcbench.engines.mujoco.recipes.row_pair import MOST_PULL, oscillator, short
+from hcbench.engines.mujoco.recipes.row_pair import (
+    COSTS,
+    LARGEST_E,
+    MOST_PULL,
+    POWER,
+    oscillator,
+    short,
+)
 from hcbench.engines.mujoco.scene.rows import MIN_IMPEDANCE, ConstraintRow
 from hcbench.recipes.recipe import evolve
 
@@ -41,9 +48,6 @@ _PARTS = 3
 # Impacts at this share of the lowest speed, at so many phases, may not gain energy.
 _SLOW = 0.4
 _SLOW_PHASES = 4
-# The same two numbers as in `hcbench.engines.mujoco.recipes.row_pair`.
-_LARGEST_E = 0.995
-_COSTS = 20.0
 # Steps that a body is laid down for. The vibration of the last of them is compared with that of as
 # many before, and taken to fall on by the same share so many times more.
 _LAID = 200
@@ -61,8 +65,6 @@ _MEMBERS = 16
 # that it has a third of the generations.
 _LIGHT = 12
 _GENERATIONS = (50, 16)
-# Power of the damper's solimp, the same as in `hcbench.engines.mujoco.recipes.row_pair`.
-_POWER = 4.0
 # Half period in steps; logs of its loss a step, odds of its impedance; log of D h, odds of dmax,
 # logs of width over v h and midpoint of the damper.
 _LOWEST = np.array([1.5, -6.0, -4.0, *np.log([0.05, 1e-4, 0.1, 3e-3])])
@@ -107,7 +109,7 @@ def _damper(damping: float, impedance: tuple[float, float, float], adhesive: boo
     impedance: its highest, width (m) and midpoint; at touch it is MuJoCo's least.
     adhesive: whether it may pull.
     """
-    solimp = (MIN_IMPEDANCE, *impedance, _POWER)
+    solimp = (MIN_IMPEDANCE, *impedance, POWER)
     adhesion = 0.0
     if adhesive:
         adhesion = MOST_PULL
@@ -221,8 +223,8 @@ class RowSearch:
             largest_e[tried] = np.maximum(largest_e[tried], e.max(axis=1))
             largest_target[tried] = np.maximum(largest_target[tried], target.max(axis=1))
         tried = np.flatnonzero(worst <= limits)
-        most = np.maximum(_LARGEST_E, largest_target[tried])
-        worst[tried] += _COSTS * np.maximum(0.0, largest_e[tried] - most)
+        most = np.maximum(LARGEST_E, largest_target[tried])
+        worst[tried] += COSTS * np.maximum(0.0, largest_e[tried] - most)
         tried = np.flatnonzero(worst <= limits)
         worst[tried] += self._unrest(tried)
         return worst
@@ -265,7 +267,7 @@ class RowSearch:
         states: one row a launch. control: (nu,).
 
         Both speeds are those of the parabola of free flight through three states. e is 0 for a
-        launch that does not part, and _COSTS for one that diverged.
+        launch that does not part, and COSTS for one that diverged.
         """
         x = self._depths(tried, number, states, control, _STEPS).reshape(-1, _STEPS)
         inside = np.nan_to_num(x, nan=1.0) > 0.0
@@ -276,7 +278,7 @@ class RowSearch:
         into = _crossing_speed(x[launches, first - 2], x[launches, first - 1], x[launches, first])
         out = _crossing_speed(x[launches, last], x[launches, last + 1], x[launches, last + 2])
         e = np.where(parted.any(axis=1), out / np.maximum(into, 1e-12), 0.0)
-        e = np.nan_to_num(e, nan=_COSTS)
+        e = np.nan_to_num(e, nan=COSTS)
         speed = into / float(self._model.opt.timestep)
         return e.reshape(len(tried), -1), speed.reshape(len(tried), -1)
 

@@ -635,10 +635,10 @@ def _friction_damping(place: PairAtTouch, load: Load) -> float:
 
 def sliding_mobility(place: PairAtTouch, load: Load) -> float:
     """Mobility, 1/mass, of a pair at touch along the way that slides most easily, over MuJoCo's
-    estimate of that along the normal.
+    estimate of that along the normal, times the points of the contact, which share it.
 
-    It is the largest eigenvalue of J M^-1 J^T over the directions in the plate. `load` has how far
-    that estimate is off.
+    It is the largest eigenvalue of J M^-1 J^T over the directions in the plate. load: on the
+    contact; its strength has the estimate and the points.
     """
     model = place.pair.model
     data = backend().MjData(place.pair.model)

@@ -105,7 +105,8 @@ class _Drops:
         return (x + steps * h * half + g * h**2 * steps**2 / 2.0, v + g * h * steps), steps * h
 
     def run(self, states: Floats, allowed: Floats, impacts: float = math.inf) -> Bounces:
-        """Simulate until each drop has rested, or LASTS (s) are over.
+        """Simulate until each drop has rested, or LASTS (s) are over, and count its bounces: the
+        largest e, the fastest touch of those that gain energy, and the drops that bounce on.
 
         states: (5, n), see `_states`; changed.
         allowed: rebound speed of each drop at the end that its target allows, m/s, (n,).

@@ -230,10 +230,9 @@ def _pasted(options: Options, pairs: Sequence[Pair]) -> str:
             lines += pairs_text(options.rows, pair)
         return f"<contact>{lines}</contact>"
     from hcbench.engines.mujoco import plugin
-    from hcbench.engines.mujoco.plugin.law_mjcf import law_instances
 
     plugin.load()
-    return law_instances(options.law, pairs)
+    return plugin.law_instances(options.law, pairs)
 
 
 def tried(scene: Scene, setting: Setting) -> tuple[Contact, list[Stepping]]:

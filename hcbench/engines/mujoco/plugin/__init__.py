@@ -14,11 +14,13 @@ the keys. Force laws are for steps that resolve the contact; `Restitution` and
 import functools
 import math
 import warnings
-from collections.abc import Sequence
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
 from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.scene.elements import as_text, named, quoted, remove_pairs, section
 from hcbench.laws import hertz
 from hcbench.laws.contact_law import Friction, Law, is_force, require_law
 from hcbench.laws.published import TouchSpeedLaw
@@ -28,7 +30,8 @@ from hcbench.system import compiler as _compile
 from hcbench.system.errors import CannotRun, EngineMissing, OutputError, SettingError
 from hcbench.system.files import replace_file
 from hcbench.terms.arguments import checked
-from hcbench.terms.scene import Material
+from hcbench.terms.scene import Material, Scene
+from hcbench.terms.setting import PAIR, Pair
 
 FORCE = "hcbench.hunt_crossley"
 RESTITUTION = "hcbench.restitution"
@@ -314,3 +317,75 @@ def attach(*_: Any, **__: Any) -> NoReturn:
         'add_to_spec(spec, law, geoms=("ball", "plate")) and model = spec.compile(), with a mujoco.MjSpec',
         "docs/reference/plugins.md shows it in MJCF",
     )
+
+
+# The law in MJCF: its plug-in in a scene, and as text to paste.
+
+# Keys of the config that say of what, by the form of the scene.
+_PAIRS = {"cup": {"tendon": "contact"}, "plane": dict(zip(("geom1", "geom2"), PAIR, strict=True))}
+
+
+def write_law(root: ET.Element, scene: Scene, law: Law, path: Path) -> None:
+    """Add the law's plug-in to a scene's MJCF, for the two geoms or, in a cup, for the tendon; a
+    force law turns MuJoCo's own contact, or the tendon's limit, off.
+
+    path: of the model, for errors. Raises SceneError where the model lacks a part that the form
+    has.
+    """
+    form = scene.form
+    if is_force(law) and form == "cup":
+        named(root, "spatial", "contact", path).set("limited", "false")
+    elif is_force(law):
+        plate = named(root, "geom", "plate", path)
+        holder = next((body for body in root.iter("body") if plate in list(body)), None)
+        other = "world" if holder is None else holder.get("name", "")
+        remove_pairs(root)
+        ET.SubElement(section(root, "contact"), "exclude", body1=other, body2="ball")
+    root.append(extension(law, _PAIRS[form], scene.friction))
+    named(root, "body", "ball", path).insert(0, ET.Element("plugin", instance="contact"))
+
+
+def extension(law: Law, pair: Mapping[str, str], friction: float = 0.0) -> ET.Element:
+    """Return the section that declares a law's plug-in.
+
+    pair: the keys of its config that say of what.
+    friction: μ that goes with a force law; a restitution law keeps MuJoCo's.
+    """
+    name, keys = config(law, Friction(friction, friction) if friction and is_force(law) else None)
+    made = ET.Element("extension")
+    instance = ET.SubElement(ET.SubElement(made, "plugin", plugin=name), "instance", name="contact")
+    for key, value in (*pair.items(), *keys.items()):
+        ET.SubElement(instance, "config", key=key, value=value)
+    return made
+
+
+def law_instances(law: Law, pairs: Sequence[Pair]) -> str:
+    """One instance of a law for each pair of geoms, as MJCF."""
+    made = [extension(law, dict(zip(("geom1", "geom2"), pair, strict=True))) for pair in pairs]
+    for i, each in enumerate(made):
+        named_one = each.find("plugin/instance")
+        assert named_one is not None
+        named_one.set("name", f"contact{i}")
+    return "".join(as_text(each) for each in made)
+
+
+def law_snippet(law: Law, form: str, pair: Pair = PAIR, friction: float = 0.0) -> str:
+    """Return the MJCF of a law, to paste into a user's model.
+
+    form: "cup" for the upper limit of a tendon named "contact", else two geoms.
+    pair: names of the geoms, the first of which moves.
+    friction: μ that goes with a force law; 0 for none.
+    """
+    keys = _PAIRS[form] if form == "cup" else dict(zip(("geom1", "geom2"), pair, strict=True))
+    lines = [
+        "<!-- load the plug-in first: see `hcbench plugin mujoco` -->",
+        as_text(extension(law, keys, friction)).strip(),
+    ]
+    if is_force(law) and form == "cup":
+        lines.insert(
+            1,
+            '<!-- limited="false" on the tendon "contact": the force takes the place of its limit -->',
+        )
+    elif is_force(law):
+        lines.append(f'<contact><exclude body1="world" body2={quoted(pair[0])}/></contact>')
+    return "\n".join(lines)

@@ -19,14 +19,14 @@ _WEIGHT = MIN_IMPEDANCE / (1 - MIN_IMPEDANCE)
 # More than any contact asks for, N.
 MOST_PULL = 1e6
 # Power of the damper's solimp: others do no better.
-_POWER = 4.0
+POWER = 4.0
 # Largest penetration, in v h at the top of the band.
 _DEEPEST = 2.4
 # Half periods of the spring for which a launch is followed.
 _FOLLOWED = 3.0
 # A larger e adds so much of what is above it to the error: so none of 40 drops bounces on.
-_LARGEST_E = 0.995
-_COSTS = 20.0
+LARGEST_E = 0.995
+COSTS = 20.0
 
 
 def short(number: float) -> float:
@@ -72,7 +72,7 @@ class _Rows(NamedTuple):
         early = u <= self.midpoint
         sigmoid = np.where(early, u, 1.0 - u)
         sigmoid *= sigmoid
-        # Twice squared: to the power of 4, `_POWER`.
+        # Twice squared: to the power of 4, `POWER`.
         sigmoid *= sigmoid
         sigmoid *= np.where(early, self.rise, self.level)
         return np.where(early, MIN_IMPEDANCE + sigmoid, self.dmax - sigmoid)
@@ -130,8 +130,8 @@ class RowFit:
         in_band = ~np.isnan(self.target)
         target = self.target[in_band]
         error: Floats = np.abs(e[:, in_band] - target).max(axis=1)
-        gained = np.maximum(0.0, e.max(axis=1) - max(_LARGEST_E, target.max()))
-        error += np.maximum(0.0, deepest[:, in_band].max(axis=1) - _DEEPEST) + _COSTS * gained
+        gained = np.maximum(0.0, e.max(axis=1) - max(LARGEST_E, target.max()))
+        error += np.maximum(0.0, deepest[:, in_band].max(axis=1) - _DEEPEST) + COSTS * gained
         return error
 
     def _rows(self, numbers: tuple[Floats, ...]) -> _Rows:
@@ -151,8 +151,8 @@ class RowFit:
             width,
             midpoint,
             # Of the impedance's two branches, up to the midpoint and from it on
-            (dmax - MIN_IMPEDANCE) * (1.0 / midpoint ** (_POWER - 1.0)),
-            (dmax - MIN_IMPEDANCE) * (1.0 / (1.0 - midpoint) ** (_POWER - 1.0)),
+            (dmax - MIN_IMPEDANCE) * (1.0 / midpoint ** (POWER - 1.0)),
+            (dmax - MIN_IMPEDANCE) * (1.0 / (1.0 - midpoint) ** (POWER - 1.0)),
         )
         return _Rows(*(np.repeat(column, len(self.speeds)) for column in columns))
 
@@ -259,7 +259,7 @@ class RowFit:
             short(float(number[0]) * unit) for number, unit in zip(numbers, units, strict=True)
         ]
         stiffness, spring_damping, damping, dmax, width, midpoint = in_si
-        solimp = (MIN_IMPEDANCE, dmax, width, midpoint, _POWER)
+        solimp = (MIN_IMPEDANCE, dmax, width, midpoint, POWER)
         adhesion = MOST_PULL if self.adhesive else 0.0
         return [
             ConstraintRow.direct(stiffness, spring_damping, SPRING_SOLIMP),

@@ -332,7 +332,8 @@ def staggered(
 ) -> dict[str, Any]:
     """Options of a setting: eq. (16) as staggered springs and dampers, in closed form.
 
-    misfit, impedance: as in `staggered_rows`, which says what is raised.
+    misfit: how far the springs' straight lines may be off k xⁿ, relative. impedance: the highest of
+    the dampers. Raises SettingError for an impedance outside 1e-3 ... 0.5.
     """
     return rows_options(integrator, *staggered_rows(target, integrator, misfit, impedance))
 

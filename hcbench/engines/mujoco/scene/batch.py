@@ -301,6 +301,8 @@ def batch_kind(loaded: SceneModel) -> Kind:
 
     "alone": not at all. "free": with its free joint. "sliding": on a slide along z, where it cannot
     leave its axis.
+    Before MuJoCo 3.17 an island's convergence is judged by the inertia of the whole model: then a
+    ball shares only where one division gives its force.
     """
     mujoco = loaded.mujoco
     model = loaded.model

@@ -19,7 +19,7 @@ from typing import Any, Literal, get_args
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from hcbench.engines.mujoco.plugin.law_mjcf import write_law
+from hcbench.engines.mujoco.plugin import write_law
 from hcbench.engines.mujoco.scene.elements import as_text, named, quoted, remove_pairs, section
 from hcbench.engines.mujoco.scene.rows import ConstraintRow
 from hcbench.laws.contact_law import Law, is_force, law_of

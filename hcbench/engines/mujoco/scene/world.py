@@ -64,7 +64,8 @@ def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:
             f"below |R2| - R1 = {model.clearance!r} m, where the centres meet",
             "Drop from lower, or in the form 'plane'",
         )
-    states, (position, velocity) = np.tile(model.origin, (len(gaps), 1)), model.at
+    states = np.tile(model.origin, (len(gaps), 1))
+    position, velocity = model.at
     away = np.array(model.scene.normal)
     states[:, position : position + 3] += model.scene.touch_offset + np.outer(gaps, away)
     states[:, velocity : velocity + 3] = np.outer(-sent.speed, away)
@@ -307,14 +308,15 @@ def _force(
     after = np.where(step + 1 < gained.shape[1], before[near + 1 - before.size], last[ball])
     noise = np.abs(before[near]) + np.abs(after) + g * h
     noise *= _ROUND_OFF
-    slowing = gained.ravel()
-    slowing[near[np.abs(slowing[near]) <= noise]] = 0.0
-    slowing = np.divide(gained, h, out=gained)
+    flat = gained.ravel()  # a view of the same numbers
+    flat[near[np.abs(flat[near]) <= noise]] = 0.0
+    acceleration = np.divide(gained, h, out=gained)
     if sensed is not None:
         # A step that touches or parts on its way has no force yet, or no more, where it starts.
-        slowing = np.where((slowing != 0.0) & (np.abs(sensed) > _ROUND_OFF * g), sensed, slowing)
-    slowing *= model.scene.mass
-    return slowing
+        is_pressed = (acceleration != 0.0) & (np.abs(sensed) > _ROUND_OFF * g)
+        acceleration = np.where(is_pressed, sensed, acceleration)
+    acceleration *= model.scene.mass
+    return acceleration
 
 
 # Launches at once for each thread where each has a model of its own: more

@@ -32,6 +32,7 @@ from hcbench.sim.landing import (
     FootfallLog,
     Landing,
     Landings,
+    latest_touch,
     take_off_speed,
 )
 from hcbench.sim.touch import travel_by_distance
@@ -46,9 +47,6 @@ if TYPE_CHECKING:
     from hcbench.sim.model_under_test import Request
     from hcbench.terms.impact import Floats
 
-# A floor is waited for as long as this times the time of a free fall, and some s more.
-_FALL_SHARE = 1.5
-_SLACK_S = 0.2
 # Farther from the floor PyBullet is not asked, m.
 _SEEN = 1e3
 # Places in getJointInfo and getJointState.
@@ -214,7 +212,7 @@ class _DropBench:
 
         Raises EngineFailed for a velocity that is not finite, UserError where nothing is met.
         """
-        latest = _FALL_SHARE * math.sqrt(2.0 * height / self.g) + _SLACK_S
+        latest = latest_touch(height, self.g)
         forces: list[float] = []
         rising: list[float] = []
         feet: dict[int, FootfallLog] = {}

@@ -15,6 +15,7 @@ from hcbench.measuring import diagnose
 from hcbench.sim.model_under_test import Suspect
 from hcbench.system.text import time_step
 from hcbench.terms.impact import Status
+from hcbench.terms.resolution import NOTABLE_SHARE
 
 # Causes in the step, in the integrator, and in what else acts on the body.
 
@@ -45,8 +46,10 @@ def integrator(context: Context) -> Iterator[Suspect]:
 
 
 def servo_damping(context: Context) -> Iterator[Suspect]:
-    """Suspect servos whose damping kv an implicit integrator applies to what the
-    contact gives, within the same step. Nothing where actuators are off.
+    """Suspect servos whose damping kv an implicit integrator applies to what the contact gives,
+    within the same step; at most one suspect. Nothing where actuators are off.
+
+    It is named where its fix alone takes half of the error, even if others cure as well.
     """
     model = context.model
     off = context.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_ACTUATION
@@ -179,8 +182,6 @@ def margin(context: Context) -> Iterator[Suspect]:
 
 # Causes in what holds or drives a body while it touches: limits, tethers, actuators, equalities.
 
-# Share of the speed at touch, lost to or gained from other causes than the contact, that is named.
-_NOTABLE = 0.005
 # Limits are looked for as deep as this times the largest penetration.
 _DEEPER = 1.5
 
@@ -188,10 +189,10 @@ _DEEPER = 1.5
 def limits(context: Context) -> Iterator[Suspect]:
     """Suspect limits of joints, and of tendons that tether a body, which take part in the bounce.
 
-    Named from the share _NOTABLE of the speed at touch on.
+    Named from the share NOTABLE_SHARE of the speed at touch on.
     """
     share = context.shares.get(LIMITS, 0.0)
-    if abs(share) < _NOTABLE:
+    if abs(share) < NOTABLE_SHARE:
         return
     joints, tendons = _reached(context)
     model = context.model
@@ -208,9 +209,11 @@ def limits(context: Context) -> Iterator[Suspect]:
 
 
 def _reached(context: Context) -> tuple[list[int], list[int]]:
-    """(numbers of joints, of tendons) at a limit where the contact is deepest.
+    """(numbers of joints, of tendons) at a limit where the contact is deepest; all limited ones of
+    the model if none is.
 
-    All limited ones of the model if none is.
+    Looked for in the pose at touch, moved on along the approach by _DEEPER times the largest
+    penetration.
     """
     model = context.model
     place = context.place
@@ -233,7 +236,7 @@ def _reached(context: Context) -> tuple[list[int], list[int]]:
 def drives(context: Context) -> Iterator[Suspect]:
     """Suspect actuators and equality constraints that push or hold during the contact.
 
-    Each from the share _NOTABLE of the speed at touch on.
+    Each from the share NOTABLE_SHARE of the speed at touch on.
     """
     flags = backend().mjtDisableBit
     for code, name, words, fix, flag in (
@@ -253,7 +256,7 @@ def drives(context: Context) -> Iterator[Suspect]:
         ),
     ):
         share = context.shares.get(name, 0.0)
-        if abs(share) >= _NOTABLE:
+        if abs(share) >= NOTABLE_SHARE:
             evidence = f"{share:+.2g} of the speed at touch"
             yield Suspect(code, words, evidence, fix, partial(fixes.disable, flag=int(flag)))
 

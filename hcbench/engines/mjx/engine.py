@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
+from hcbench.laws.restitution import Restitution
 from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Integrators
 from hcbench.sim.backend import Backend
@@ -31,13 +32,15 @@ from hcbench.sim.scripted import batch_in, free_memory, law_text, no_gpu
 from hcbench.sim.shared_model import Copies, SharedModelEngine, changed, shared_recipes
 from hcbench.system.errors import SceneError, SettingError
 from hcbench.system.files import user_folder
+from hcbench.system.text import shortest
+from hcbench.terms.setting import PAIR
 from hcbench.workers import in_worker
 
 if TYPE_CHECKING:
     from hcbench.sim.read_impact import Rule
     from hcbench.sim.scripted import PythonLaw
     from hcbench.terms.impact import Floats
-    from hcbench.terms.setting import Setting
+    from hcbench.terms.setting import Pair, Setting
 
 
 # Copies of a model whose steps are recorded: one vmap is compiled for so many.
@@ -75,6 +78,7 @@ class MjxEngine(DescribesContact, SharedModelEngine):
     # MuJoCo's, of two geoms.
     default_friction = 1.0
     own = ("law", "precision", "device")
+    sets_solref = False
     devices = ("cpu", "gpu")
     lacks = frozenset({"adhesion", "impedance in float32"})
     exact = "JAX_ENABLE_X64=1 (a setting: precision = 'float64')"
@@ -90,9 +94,14 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         """The largest impedance d under a setting: float32 keeps too little of 1 - d for more."""
         return 0.9999 if self.bits_of(setting) == 64 else IMPEDANCE
 
-    def law_lines(self, law: PythonLaw | None) -> str:
+    def law_lines(self, law: PythonLaw | None, pair: Pair = PAIR) -> str:
         """The step of one world with a law in it, for jit and vmap."""
-        return law_text(law, _FORCE, _EACH)
+        if isinstance(law, Restitution):
+            first, second = pair
+            return _EACH.format(
+                first=first, second=second, alpha=shortest(law.alpha), reading=law.reading
+            )
+        return law_text(law, _FORCE, "")
 
     def copies(
         self,
@@ -142,7 +151,7 @@ class MjxEngine(DescribesContact, SharedModelEngine):
             on_device,
             empty.replace(**held),
             bits,
-            *_compiled(law or "step = mjx.step", radius, bits),
+            *_compiled(law or "step = mjx.step", radius, bits, model if law else None),
         )
         if device:
             memory = (chosen.memory_stats() or {}).get("bytes_limit") or free_memory()
@@ -213,17 +222,18 @@ class MjxCopies(Copies):
 
 
 @lru_cache(maxsize=16)
-def _compiled(step_text: str, radius: float, bits: int) -> tuple[Any, Any, Any]:
+def _compiled(step_text: str, radius: float, bits: int, own: Any) -> tuple[Any, Any, Any]:
     """(place, run, read): compiled functions that put copies into states, take steps and record
     them, or take steps and read impacts instead; made once for each law and precision.
 
     step_text: lines that define `step(model, data)`. radius: of the ball, m. bits: 32 or 64.
+    own: the MjModel that a law's lines read; None of others.
     """
     import jax
     import jax.numpy as jnp
     from mujoco import mjx
 
-    names: dict[str, Any] = {"jnp": jnp, "mjx": mjx, "R": radius}
+    names: dict[str, Any] = {"jnp": jnp, "mjx": mjx, "R": radius, "model": own}
     exec(step_text, names)
     step = jax.vmap(names["step"], in_axes=(None, 0))
 
@@ -261,22 +271,10 @@ def step(model, data):  # contacts off; R: the ball's radius, above the plane z 
     f = jnp.maximum({k} * x**{n} * (1 - {a} * data.qvel[2]), 0.0)
     return mjx.step(model, data.replace(qfrc_applied=data.qfrc_applied.at[2].set(f)))"""
 _EACH = """\
-import numpy as np
-from hcbench.laws.restitution import Restitution
+# model: your mujoco.MjModel. Then, in place of mjx.step: data = step(mjx.put_model(model), data)
+from hcbench.contact.mjx import Restitution, restitution
 
-speeds = np.concatenate([[0], np.geomspace(1e-4, 10, 4000)])
-table = np.clip(Restitution({}, {!r}).at(speeds), 0, 1)
-
-def step(model, data):  # the pair's solref is that of `impulse`
-    v, rest = jnp.maximum(-data.qvel[2], 1e-6), 1 - model.pair_solimp[0, 0]  # of gravity, by impedance
-    h, g = model.opt.timestep, -model.opt.gravity[2]
-    sunk = 2 * g * (R - data.qpos[2])  # (v + g h/2)² less it is the square of the speed at the touch plane
-    touch = jnp.sqrt(jnp.maximum((v + g * h / 2) ** 2 - sunk, 0))
-    left = jnp.interp(touch, speeds, table) * touch
-    leaves = jnp.sqrt(jnp.maximum(left**2 + sunk, 0)) - g * h / 2
-    share = jnp.where(touch > 0, jnp.maximum(leaves, 0), 0) / v
-    damping = (1 + share) / h + rest * g / v
-    return mjx.step(model.replace(pair_solref=model.pair_solref.at[0, 1].set(-damping)), data)"""
+step = restitution(model, {{("{first}", "{second}"): Restitution({alpha}, "{reading}")}})"""
 
 
 _STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MJX does not have this integrator")

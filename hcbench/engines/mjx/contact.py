@@ -1,0 +1,342 @@
+"""Restitution by impact speed in MJX: a step of a world, in place of `mujoco.mjx.step`.
+
+    import jax
+    from mujoco import mjx
+    from hcbench.contact.mjx import restitution
+
+    step = jax.jit(restitution(model, {("ball", "floor"): 0.3}))  # α, s/m
+    data = step(mjx.put_model(model), data)
+
+It has the rule of the MuJoCo plug-in `hcbench.restitution`: contacts that touch and approach faster
+than a step's fall collide at the start of the step, all at once, with Coulomb friction, each with
+the e of its own approach. Contacts that part then are silent for the step; those that rest stay
+MJX's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hcbench.engines.mjx.engine import MjxEngine
+from hcbench.laws.restitution import ConstantRestitution, Restitution
+from hcbench.sim.packages import suggest_names
+from hcbench.system.errors import SettingError, UserError
+from hcbench.terms.arguments import checked
+
+# Steps of what presses a contact whose speed counts as rest.
+_STILL = 1.1
+# Sweeps over the contacts that collide, at most; and the change, as a share of the fastest approach,
+# below which they have settled. Four corners of a box settle to 1e-6 in some thirty.
+_SWEEPS = 100
+_SETTLED = 1e-6
+# e of eq. (16) depends on α v alone: its table, which is straight between the points to 2e-7.
+_NUMBERS = np.concatenate([[0.0], np.geomspace(1e-6, 1e3, 8000)])
+_E = np.clip(Restitution(1.0).at(_NUMBERS), 0.0, 1.0)
+# Shares of a resting contact's damping and speed of rest with which it gives depth back.
+_CRITICAL = 0.25
+_RISE = 0.5
+
+# What a pair's value is: α of eq. (16), α of eq. (2), or e.
+_LAW, _LINEAR, _CONSTANT = range(3)
+
+Value = float | Restitution | ConstantRestitution
+Step = Callable[..., Any]
+
+
+class _Touch(NamedTuple):
+    """Contacts of a world, n of them, as its laws see them.
+
+    law: number of each contact's pair; -1 of contacts that touch nothing or have no law.
+    depth: m. friction: Coulomb's coefficients along both tangents, (n, 2).
+    rows: rates over velocities, (n, 3, nv); the first of each is along the normal, apart above 0.
+    moves: M⁻¹ of the rows, (n, 3, nv).
+    """
+
+    law: Any
+    depth: Any
+    friction: Any
+    rows: Any
+    moves: Any
+
+
+@dataclass(frozen=True)
+class _Laws:
+    """Laws of all pairs, by number.
+
+    pair_of: number of the pair of two geoms, (ngeom, ngeom); -1 of none.
+    values: α, s/m, or a constant e, of each pair.
+    readings: what each value is: that of _LAW, _LINEAR or _CONSTANT.
+    """
+
+    pair_of: np.ndarray
+    values: np.ndarray
+    readings: np.ndarray
+
+
+@checked
+def restitution(model: Any, pairs: Mapping[tuple[str, str], Value]) -> Step:
+    """Return `step(model, data)`, as `mujoco.mjx.step`, in which these pairs bounce by their law.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        The model that `mjx.put_model` got. Its integrator is Euler or implicitfast.
+    pairs : mapping
+        By two names of geoms, or of bodies, which stand for all their geoms ("world" for what is
+        fixed): α in s/m, a `Restitution`, or a `ConstantRestitution`.
+
+    Returns
+    -------
+    callable
+        `step(model, data, values=None)` for MJX's `Model` and `Data` of one world, to `jax.jit` and
+        `jax.vmap`. values: α (s/m) or e of each pair in the order of `pairs`, where worlds differ;
+        those of `pairs` unless given.
+
+    Raises
+    ------
+    EngineMissing
+        Without MJX.
+    UserError
+        For another model, names that it lacks, and pairs given twice.
+    SettingError
+        For an option that no step of this kind has been tried with.
+
+    """
+    import mujoco
+
+    if not isinstance(model, mujoco.MjModel):
+        raise UserError("model", f"a {type(model).__name__}", "an MjModel")
+    if model.opt.integrator not in (
+        mujoco.mjtIntegrator.mjINT_EULER,
+        mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+    ):
+        name = mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_")
+        raise SettingError("integrator", name, "Euler or implicitfast")
+    laws = _laws(model, pairs)
+    defaults = laws.values
+    MjxEngine.backend.module("mujoco.mjx")
+
+    def step(model: Any, data: Any, values: Any = None) -> Any:
+        from mujoco import mjx
+
+        chosen = defaults if values is None else values
+        data = _forward(laws, model, data, chosen)
+        if model.opt.integrator == mjx.IntegratorType.EULER:
+            return mjx.euler(model, data)
+        return mjx.implicit(model, data)
+
+    return step
+
+
+def _laws(model: Any, pairs: Mapping[tuple[str, str], Value]) -> _Laws:
+    """The laws of all pairs of geoms. Raises UserError for names that the model lacks, for none at
+    all, and for two geoms that two pairs mean.
+    """
+    if not pairs:
+        raise UserError("pairs", "none", 'two names and a law, as {("ball", "floor"): 0.3}')
+    pair_of = np.full((model.ngeom, model.ngeom), -1)
+    values = []
+    readings = []
+    for number, (names, value) in enumerate(pairs.items()):
+        first, second = (_geoms(model, name) for name in names)
+        if np.any(pair_of[np.ix_(first, second)] >= 0):
+            raise UserError("pairs", f"{names} is in two pairs", "each pair once")
+        pair_of[np.ix_(first, second)] = number
+        pair_of[np.ix_(second, first)] = number
+        law = Restitution(value) if isinstance(value, float | int) else value
+        if isinstance(law, ConstantRestitution):
+            values.append(law.restitution)
+            readings.append(_CONSTANT)
+        else:
+            values.append(law.alpha)
+            readings.append(_LAW if law.reading == "law" else _LINEAR)
+    return _Laws(pair_of, np.array(values), np.array(readings))
+
+
+def _geoms(model: Any, name: str) -> np.ndarray:
+    """Ids of the geom of this name, or of all geoms of the body. Raises UserError for neither."""
+    geoms = [model.geom(i).name for i in range(model.ngeom)]
+    if name in geoms:
+        return np.array([geoms.index(name)])
+    bodies = [model.body(i).name for i in range(model.nbody)]
+    if name in bodies:
+        return np.flatnonzero(model.geom_bodyid == bodies.index(name))
+    known = [each for each in (*geoms, *bodies) if each]
+    raise UserError("pairs", f"no geom or body {name!r}", *suggest_names(name, known))
+
+
+def _forward(laws: _Laws, model: Any, data: Any, values: Any) -> Any:
+    """MJX's forward dynamics with the impacts at its start."""
+    from mujoco import mjx
+
+    data = mjx.fwd_position(model, data)
+    contact = data._impl.contact
+    if contact.dist.size:
+        data = _collide(laws, model, data, values)
+        data = mjx.make_constraint(model, data)
+    data = mjx.sensor_pos(model, data)
+    data = mjx.fwd_velocity(model, data)
+    data = mjx.sensor_vel(model, data)
+    data = mjx.fwd_actuation(model, data)
+    data = mjx.fwd_acceleration(model, data)
+    if data._impl.efc_J.size == 0:
+        return data.replace(qacc=data.qacc_smooth)
+    data = mjx.solve(model, data)
+    # What the rows were made of is not what was found.
+    data = data.tree_replace({"_impl.contact": contact})
+    return mjx.sensor_acc(model, data)
+
+
+def _collide(laws: _Laws, model: Any, data: Any, values: Any) -> Any:
+    """Let contacts collide: velocities after it, and contacts whose rows only let them rest."""
+    import jax.numpy as jnp
+
+    touch = _touch(laws, model, data)
+    timestep = model.opt.timestep
+    rates = touch.rows @ data.qvel
+    # Of all that presses, as the step before had it: gravity, motors, springs.
+    presses = jnp.maximum(-(touch.rows[:, 0] @ data.qacc_smooth), 0.0)
+    calm = _STILL * timestep * presses + 1e-9
+    target, half = _targets(laws, touch, values, -rates[:, 0], presses, calm, timestep)
+    shifted = rates.at[:, 0].add(-half)
+    impulse = _impulses(touch, shifted, target)
+    qvel = data.qvel + jnp.einsum("nk,nkv->v", impulse, touch.moves)
+    rate = touch.rows[:, 0] @ qvel
+    contact = _resting(data._impl.contact, touch, rate > calm, calm, timestep)
+    return data.replace(qvel=qvel).tree_replace({"_impl.contact": contact})
+
+
+def _touch(laws: _Laws, model: Any, data: Any) -> _Touch:
+    """The contacts of a world that touch and have a law."""
+    import jax
+    import jax.numpy as jnp
+    from mujoco import mjx
+
+    contact = data._impl.contact
+    body_of = jnp.array(model.geom_bodyid)
+
+    def rows_of(point: Any, frame: Any, geom: Any) -> Any:
+        one, _ = mjx.jac(model, data, point, body_of[geom[0]])
+        two, _ = mjx.jac(model, data, point, body_of[geom[1]])
+        return frame @ (two - one).T
+
+    rows = jax.vmap(rows_of)(contact.pos, contact.frame, contact.geom)
+    depth = contact.includemargin - contact.dist
+    law = jnp.array(laws.pair_of)[contact.geom[:, 0], contact.geom[:, 1]]
+    law = jnp.where(depth > 0.0, law, -1)
+    friction = contact.friction[:, :2] * (jnp.array(contact.dim) > 1)[:, None]
+    factor = jax.scipy.linalg.cho_factor(mjx.full_m(model, data))
+    moves = jax.scipy.linalg.cho_solve(factor, rows.reshape(-1, model.nv).T).T
+    return _Touch(law, depth, friction, rows, moves.reshape(rows.shape))
+
+
+def _targets(
+    laws: _Laws,
+    touch: _Touch,
+    values: Any,
+    approach: Any,
+    presses: Any,
+    calm: Any,
+    timestep: Any,
+) -> tuple[Any, Any]:
+    """(rates at which contacts part at least, the half step's push by which they are shifted), m/s.
+
+    approach: v, m/s. presses: b, m/s². calm: speed that counts as rest, m/s.
+    Steps that move by the new velocity keep U² = (v + b h/2)² - 2 b x in flight, U the speed at the
+    touch plane x = 0, which e is of. A contact that touched before this step has the e of v.
+    """
+    import jax.numpy as jnp
+
+    half = presses * timestep / 2.0
+    is_new = touch.depth <= timestep * approach * (1.0 + 1e-5)
+    lift = jnp.where(is_new, 2.0 * presses * touch.depth, 0.0)
+    speed = approach + half
+    at_plane = jnp.where(is_new, jnp.sqrt(jnp.maximum(speed**2 - lift, 0.0)), approach)
+    value = jnp.asarray(values)[touch.law]
+    number = value * at_plane
+    e = jnp.select(
+        [jnp.array(laws.readings == reading)[touch.law] for reading in (_LAW, _LINEAR)],
+        [jnp.interp(number, jnp.array(_NUMBERS), jnp.array(_E)), 1.0 - number],
+        value,
+    )
+    out = jnp.clip(e, 0.0, 1.0) * at_plane
+    parts = jnp.where(is_new, jnp.sqrt(out**2 + lift), out - half)
+    collides = approach > calm
+    # What neither collides nor parts comes no faster than it did: its own row lets it rest.
+    target = jnp.where(collides, jnp.minimum(parts, speed), jnp.minimum(-speed, 0.0))
+    return jnp.where(touch.law >= 0, target, -jnp.inf), half
+
+
+def _impulses(touch: _Touch, rates: Any, target: Any) -> Any:
+    """Impulses along the rows, N s, (n, 3): no contact parts slower than its target, those that part
+    faster have none, and friction stays within Coulomb's. They never add energy.
+
+    rates: before them, m/s, (n, 3). target: m/s, (n,).
+    """
+    import jax
+    import jax.numpy as jnp
+
+    count = target.size
+    couples = jnp.einsum("ikv,jlv->ikjl", touch.rows, touch.moves)
+    own = jnp.einsum("ikik->ik", couples)
+    acts = (touch.law >= 0) & (own[:, 0] > 0.0)
+    ease = jnp.where(own > 0.0, 1.0 / jnp.where(own > 0.0, own, 1.0), 0.0)
+    fastest = jnp.max(jnp.where(acts, jnp.maximum(target - rates[:, 0], 0.0), 0.0))
+
+    def one(i: Any, carry: Any) -> Any:
+        impulse, change = carry
+        rate = rates[i] + jnp.einsum("kjl,jl->k", couples[i], impulse)
+        normal = jnp.maximum(impulse[i, 0] + (target[i] - rate[0]) * ease[i, 0], 0.0)
+        rate = rate + couples[i, :, i, 0] * (normal - impulse[i, 0])
+        # The stiffer tangent: a step by it overshoots neither.
+        sliding = impulse[i, 1:] - rate[1:] * jnp.min(ease[i, 1:])
+        most = touch.friction[i] * normal
+        share = jnp.linalg.norm(sliding / jnp.where(most > 0.0, most, 1.0))
+        sliding = jnp.where(most > 0.0, sliding / jnp.maximum(share, 1.0), 0.0)
+        new = jnp.where(acts[i], jnp.concatenate([normal[None], sliding]), 0.0)
+        moved = jnp.max(jnp.abs(new - impulse[i]) * own[i])
+        return impulse.at[i].set(new), jnp.maximum(change, moved)
+
+    def sweep(carry: Any) -> Any:
+        impulse, _, sweeps = carry
+        impulse, change = jax.lax.fori_loop(0, count, one, (impulse, jnp.zeros_like(fastest)))
+        return impulse, change, sweeps + 1
+
+    def goes_on(carry: Any) -> Any:
+        _, change, sweeps = carry
+        return (change > _SETTLED * fastest) & (sweeps < _SWEEPS)
+
+    impulse, _, _ = jax.lax.while_loop(goes_on, sweep, (jnp.zeros_like(rates), fastest, 0))
+    # Work of the impulses: p.(u before + u after)/2, which a share of them makes 0 at most.
+    before = jnp.sum(impulse * rates)
+    change = jnp.einsum("ik,ikjl,jl->", impulse, couples, impulse)
+    most = jnp.where(change > 0.0, -2.0 * before / jnp.where(change > 0.0, change, 1.0), 0.0)
+    return jnp.clip(most, 0.0, 1.0) * impulse
+
+
+def _resting(contact: Any, touch: _Touch, parts: Any, calm: Any, timestep: Any) -> Any:
+    """Contacts for MJX's own rows: those of a law that part have none, and those that rest give back
+    their depth no faster than what counts as rest.
+
+    Its damping stays the model's; a spring that bounces is held to its critical stiffness.
+    """
+    import jax.numpy as jnp
+
+    has_law = touch.law >= 0
+    constant, damping = contact.solref[:, 0], -contact.solref[:, 1]
+    by_time = 2.0 / jnp.maximum(constant, 2.0 * timestep)
+    is_direct = constant <= 0.0
+    damping = jnp.where(is_direct, jnp.minimum(damping, 1.0 / timestep), by_time)
+    damping = jnp.maximum(damping, 1e-3)
+    slow = _RISE * calm / jnp.maximum(touch.depth, 1e-9)
+    stiffness = damping * jnp.minimum(_CRITICAL * damping, slow)
+    solref = jnp.stack([-stiffness, -damping], axis=1)
+    away = contact.includemargin + 1.0
+    return contact.replace(
+        dist=jnp.where(has_law & parts, away, contact.dist),
+        solref=jnp.where(has_law[:, None], solref, contact.solref),
+    )
