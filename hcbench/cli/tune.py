@@ -109,9 +109,7 @@ _engine_option = partial(click.option, cls=_EngineOption)
 @_engine_option(
     "--corners",
     type=click.IntRange(1, int(BOUNDS["corners"][1])),
-    default=1,
-    show_default=True,
-    help="Contact points that land together; 4 for the face of a box.",
+    help="Contact points that land together: 1 for balls, 4 for a box on its face.  [default: any]",
 )
 @output_option(
     "--write-scene", cls=_EngineOption, help="Write a file that runs in the plain engine."

@@ -126,6 +126,12 @@ def _require(answer: Answer, max_error: float, gate: Passivity | None) -> None:
         raise LimitPassed(
             "--recipe", got, "a setting that gains no energy and rests", answer.remedy
         )
+    if not answer.fits(best):
+        assert best.passivity is not None
+        got = f"{best.setting.name!r} is for spheres: {best.passivity.worst_of_boxes}"
+        expected = "a setting for any body"
+        advice = "Balls need --corners 1, boxes on a face --corners 4"
+        raise LimitPassed("--corners", got, expected, f"{advice}. {answer.remedy}")
     if not best.max_error <= max_error:
         got = f"{best.max_error:.3g} with {best.setting.name!r}"
         raise LimitPassed("max-error", got, f"{max_error:g} or less", answer.remedy)
@@ -186,7 +192,10 @@ def _print(answer: Answer, margin: float, gate: Passivity | None) -> None:
     show_code(f"{best.text or 'nothing: the default'}\n")
     for choice in answer.choices:
         if choice is not best:
-            show(f"or {choice.line} ({_FLAGS[choice.kind]})")
+            flags = _FLAGS[choice.kind]
+            if not answer.fits(choice):
+                flags += " --corners 1"
+            show(f"or {choice.line} ({flags})")
     for never in answer.never:
         show(f"never {never.setting}: {never.why}")
     if gate is not None:

@@ -70,6 +70,8 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
     together = _PLACES
     suffixes = (".xml", ".mjcf", ".mjb")
     model_engine = "mujoco"
+    # MuJoCo's, of two geoms.
+    default_friction = 1.0
     lacks = frozenset({"several pairs"})
     devices = ("cpu", "gpu")
 

@@ -69,6 +69,7 @@ class Target:
     friction: coefficient of Coulomb friction.
     friction_asked: whether the user asked for it; else it is the engine's own default.
     corners: points of the body that meet the plate at once, as the 4 of a flat box.
+    corners_asked: whether the user asked for them; else any body may meet the plate.
     material: the measurement that the target is taken from, in a line; "" for numbers of a user.
 
     Raises SettingError for a mass, step or band that is not above 0, and for an e outside 0 ... 1
@@ -86,6 +87,7 @@ class Target:
     friction: float = 0.0
     corners: int = 1
     friction_asked: bool = True
+    corners_asked: bool = True
     material: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:

@@ -149,7 +149,7 @@ def _(measurement: Measurement) -> tuple[str, dict[str, str], str]:
 @_figure.register
 def _(tuned: Tuned) -> Figure:
     """e at the launches that a setting was judged by, simulated again, its largest error as a band,
-    and the target. Raises what the engine raises.
+    and the target; the legend has the bias of all launches. Raises what the engine raises.
     """
     target = tuned.target
     launches = [launch for launch in held_out_launches(target) if not launch.is_oblique]
@@ -164,7 +164,9 @@ def _(tuned: Tuned) -> Figure:
     if math.isfinite(tuned.error):
         draw_band(axes, speeds, wanted - tuned.error, wanted + tuned.error, LAW)
     dots = MEASURED.line(linestyle="none", markersize=2.5)
-    axes.plot(speed, e, label=f"{tuned.setting.name}, all phases", **dots)
+    judged = tuned.evaluation
+    bias = f"mean error {judged.mean_error:+.2g}, {100 * judged.below:.0f} % below the target"
+    axes.plot(speed, e, label=f"{tuned.setting.name}, all phases: {bias}", **dots)
     axes.set_ylabel("restitution e", color=INK)
     speed_axis(axes, inches=False)
     axes.legend(loc="best")

@@ -60,12 +60,13 @@ def _choice(view: View, answer: Mapping[str, Any], choice: Mapping[str, Any]) ->
         if here and run.setting in (setting, STOCK) and view.score(run, alpha) is not None:
             drawn.append(run)
     drawn.sort(key=lambda run: run.setting != setting)
+    bodies = ", for spheres" if choice["passive"]["flat"] is False else ""
     return PageChoice(
         kind=kind,
         setting=setting,
         error=float(choice["max_error"]),
         band=[float(speed) for speed in choice["speeds_m_per_s"]],
-        say=f"{_VERBS[kind]} {setting}: {choice['within']}.",
+        say=f"{_VERBS[kind]} {setting}: {choice['within']}{bodies}.",
         more=list(_more(answer, choice)),
         text=str(choice["text"]),
         shown=drawn,

@@ -56,6 +56,7 @@ class Engine(ABC):
     default_friction: Coulomb's μ of two bodies that state none; 0 where settings to paste know no
     friction.
     keeps_friction: whether bodies keep a friction of their own under a setting that says none.
+    several_corners: whether settings can be judged for bodies that land on several points at once.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Engine(ABC):
     devices: tuple[str, ...] = ()
     default_friction: float = 0.0
     keeps_friction: bool = False
+    several_corners: bool = False
 
     def version(self) -> str:
         """Version of the installed backend, not imported; raises EngineMissing where there is none."""
@@ -169,6 +171,16 @@ class Engine(ABC):
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
         """Return the setting with Coulomb's μ added to its contact, for pasting."""
+        return setting
+
+    def oblique_setting(self, setting: Setting) -> Setting | None:
+        """The setting under which launches at an angle run in place of this one: its own, or that of
+        another engine whose contact this engine has; None where there is none.
+        """
+        return setting if self.oblique else None
+
+    def with_corners(self, setting: Setting, corners: int) -> Setting:
+        """Return the setting as a body feels it that lands on so many points at once."""
         return setting
 
     def script(self, scene: Scene, setting: Setting) -> str:

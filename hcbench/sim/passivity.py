@@ -200,6 +200,16 @@ class Passivity:
         return self.bounces.passive and holds and slides
 
     @property
+    def worst_of_boxes(self) -> str:
+        """The finding for boxes and a capsule that is furthest above its limit, as a phrase; "" where
+        they passed, or none was tried.
+        """
+        failed = [finding for finding in self.boxes if not finding.passed]
+        if not failed:
+            return ""
+        return max(failed, key=lambda finding: finding.value / finding.limit).failure
+
+    @property
     def scenes(self) -> int:
         """Number of launches and drops in which energy was tested, of boxes if they passed."""
         passed = self.sliding

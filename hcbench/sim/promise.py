@@ -40,7 +40,7 @@ class Promise:
     error: of e over `speeds`, m/s.
     gravity: into the plate, m/s²; NaN where an older text does not say it.
     friction: Coulomb's μ; NaN likewise.
-    corners: points of contact that it may have at once; 0 where any number will do.
+    corners: points of contact at once for which it holds; 0 where any number will do.
     option: options of the whole model with which the error was found, as the engine's own files
     name and write them; for a plug-in the time step, up to which it holds.
     """

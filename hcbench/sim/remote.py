@@ -62,6 +62,7 @@ class Wrapped(HasPlugin, TunesModels):
         self.devices = adapter.devices
         self.default_friction = adapter.default_friction
         self.keeps_friction = adapter.keeps_friction
+        self.several_corners = adapter.several_corners
         if isinstance(adapter, OpensModels):
             self.suffixes = adapter.suffixes
             self.opens = adapter.opens
@@ -89,6 +90,14 @@ class Wrapped(HasPlugin, TunesModels):
     def with_friction(self, setting: Setting, friction: float) -> Setting:
         """Return the setting with μ, as the adapter adds it."""
         return self.adapter.with_friction(setting, friction)
+
+    def oblique_setting(self, setting: Setting) -> Setting | None:
+        """Return the setting under which the adapter has launches at an angle run."""
+        return self.adapter.oblique_setting(setting)
+
+    def with_corners(self, setting: Setting, corners: int) -> Setting:
+        """Return the setting for bodies that land on so many points, as the adapter makes it."""
+        return self.adapter.with_corners(setting, corners)
 
     def accepts(self, source: Any) -> bool:
         """Say whether the adapter opens models, and this one."""

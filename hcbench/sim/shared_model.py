@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from hcbench.recipes.target import Target
     from hcbench.sim.columns import Launches
     from hcbench.sim.model_under_test import CandidatePair, ModelUnderTest, Request
+    from hcbench.sim.passivity import LongestTrain, Passivity
     from hcbench.sim.read_impact import Rule
     from hcbench.terms.impact import Floats
     from hcbench.terms.scene import Scene
@@ -202,6 +203,7 @@ class SharedModelEngine(OpensModels, SteppedEngine):
     exact = ""
     sets_solref = True
     oblique = False
+    several_corners = True
 
     @abstractmethod
     def copies(
@@ -323,13 +325,46 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         )
 
     def needs(self, setting: Setting) -> tuple[str, ...]:
-        """Return the requirements: the law's lines around each step, or those of `model_engine`,
-        and no friction, without which settings are found here.
-        """
+        """Return the requirements: the law's lines around each step, or those of `model_engine`."""
         if self.law_lines(self.law(setting)):
             return ("the lines in your own loop, from Python",)
-        needs = registry.engine(self.model_engine).needs(self._shared(setting))
-        return (*needs, "no friction between the two: their pairs have none")
+        return registry.engine(self.model_engine).needs(self._shared(setting))
+
+    def with_friction(self, setting: Setting, friction: float) -> Setting:
+        """The setting with friction in its rows, as `model_engine` writes it; a law has none."""
+        if self.law(setting) is not None:
+            return setting
+        return registry.engine(self.model_engine).with_friction(setting, friction)
+
+    def with_corners(self, setting: Setting, corners: int) -> Setting:
+        """The setting with its rows at each of several points; a law has none."""
+        if self.law(setting) is not None:
+            return setting
+        return registry.engine(self.model_engine).with_corners(setting, corners)
+
+    def oblique_setting(self, setting: Setting) -> Setting | None:
+        """The setting of `model_engine`, whose contact this engine has; None with a law."""
+        return None if self.law(setting) is not None else self._shared(setting)
+
+    def passivity(
+        self,
+        scene: Scene,
+        setting: Setting,
+        speeds: tuple[float, float],
+        whole: bool = False,
+        train: LongestTrain | None = None,
+    ) -> Passivity:
+        """Test a setting for energy by impacts along the normal here, and in `model_engine` as that
+        one does: what slides, boxes and a capsule.
+
+        With a law all is tested here. Arguments and errors as of `Engine.passivity`.
+        """
+        here = super().passivity(scene, setting, speeds, whole, train)
+        if self.law(setting) is not None:
+            return here
+        other = registry.engine(self.model_engine)
+        there = other.passivity(scene, self._shared(setting), speeds, whole, train)
+        return replace(there, bounces=here.bounces.joined(there.bounces))
 
 
 def shared_recipes(

@@ -84,8 +84,11 @@ class Choice:
 
     @property
     def line(self) -> str:
-        """The choice in one line: kind, name, error with its band."""
-        return f"{KINDS[self.kind]}: {self.setting.name}, {self.within}"
+        """The choice in one line: kind, name, error with its band, and whether it is for spheres
+        alone.
+        """
+        words = f"{KINDS[self.kind]}: {self.setting.name}, {self.within}"
+        return f"{words}, for spheres" if self.flat is False else words
 
     @property
     def energy(self) -> str:
@@ -99,9 +102,11 @@ class Choice:
         if not self.max_e <= MOST_ADVISED:
             return "gains energy"
         words = f"energy never grew in {self.judged} launches and drops"
+        if self.flat is True:
+            return f"{words} of a ball, boxes and a capsule"
         if self.flat is False:
             return f"{words} of a ball; a flat face gains energy"
-        return words
+        return f"{words} of a ball"
 
     @property
     def judged(self) -> int:
@@ -231,19 +236,27 @@ class Answer(Drawn):
                 return choice
         return None
 
+    def fits(self, choice: Choice) -> bool:
+        """Say whether a choice is for the bodies of the question: for any body unless the user says
+        at how many points they meet, and then `flaws` of a setting has what speaks against it.
+        """
+        return self.target.corners_asked or choice.flat is not False
+
     @property
     def best(self) -> Choice:
         """The choice of the kind that was asked for, or else of the next kind; one named by the
         user first.
 
+        Where no kind was asked for, a setting for spheres alone comes after those for any body.
         Raises SettingError without any, with the reasons.
         """
         if self.named is not None:
             return self.named
-        for kind in _NEXT[self.asked]:
-            choice = self.of(kind)
-            if choice is not None:
-                return choice
+        found = [choice for kind in _NEXT[self.asked] if (choice := self.of(kind)) is not None]
+        if self.asked is None:
+            found.sort(key=lambda choice: not self.fits(choice))
+        if found:
+            return found[0]
         why = "; ".join(f"{never.setting}: {never.why}" for never in self.never)
         raise SettingError(
             "recipe",

@@ -87,7 +87,7 @@ def tune(
     stiffness: Quantity | None = None,
     exponent: float | None = None,
     friction: float | None = None,
-    corners: int = 1,
+    corners: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Answer:
     """Find settings of an engine that bounce like your material, as `hcbench tune ENGINE` does.
@@ -126,8 +126,9 @@ def tune(
         Effective mass, kg, and k, N/mⁿ, and n of the law; the scene's by default.
     friction : float, optional
         Coulomb's μ, 0 for none; by default the engine's own for two bodies.
-    corners : int
-        Contact points that land together, 4 for the face of a box.
+    corners : int, optional
+        Contact points that land together: 1 for a ball, 4 for the face of a box. By default the best choice
+        is one with which neither balls nor boxes and capsules gain energy, where there is one.
     progress : function of two integers, optional
         It is called with how many evaluations are done, and how many there are at most.
 
@@ -431,7 +432,7 @@ def make_target(
     gravity: Quantity | None = None,
     friction: float | None = None,
     default_friction: float = 0.0,
-    corners: int = 1,
+    corners: int | None = None,
 ) -> tuple[Scene, Target]:
     """The scene and the target of a question; SI numbers or text with units.
 
@@ -443,6 +444,7 @@ def make_target(
     gravity: into the plate, 9.81 m/s² by default.
     friction: Coulomb's μ; None for `default_friction`, and for none in a cup, which has no
     friction.
+    corners: points of the body that land together; None where it is not said what body lands.
     Raises UserError for none or several of material, alpha, restitution, points, adams and newton,
     for "linear" with a material that has no α, and for an exponent without its stiffness;
     QuantityError for numbers and units; SceneError for an unknown scene; SettingError for what
@@ -496,8 +498,9 @@ def make_target(
         points=tuple(points),
         gravity=g,
         friction=mu,
-        corners=corners,
+        corners=1 if corners is None else corners,
         friction_asked=friction is not None,
+        corners_asked=corners is not None,
         material="" if known is None else known.line,
     )
     return setting, target

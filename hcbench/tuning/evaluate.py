@@ -14,6 +14,7 @@ from hcbench.laws import closed_form
 from hcbench.laws.coulomb import friction_impulse
 from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.target import Target
+from hcbench.sim import registry
 from hcbench.sim.engine import Engine, SteppedEngine
 from hcbench.sim.remote import adapter_of
 from hcbench.sim.rest import Rest, last_half, rest_of
@@ -29,6 +30,8 @@ _SPEEDS = 9
 _PHASES = 8
 # Launches at random.
 _RANDOM = 400
+# Phases of touches just after a step's start and just before its end.
+_STEP_ENDS = (0.001, 0.999)
 # Launches about the worst one in each of _ROUNDS rounds.
 _NEAR = 24
 _ROUNDS = 3
@@ -110,6 +113,16 @@ def held_out_launches(target: Target) -> list[Launch]:
     return _launches(target, speeds, where, slips)
 
 
+def corner_launches(target: Target) -> list[Launch]:
+    """Launches at both ends of the band, m/s, that touch at either end of a step.
+
+    Over the phase e is a sawtooth, over the speed it is furthest off at an end: few launches at
+    random come near such a corner.
+    """
+    speeds = np.repeat([target.speed_min, target.speed_max], len(_STEP_ENDS))
+    return _launches(target, speeds, np.tile(_STEP_ENDS, 2), np.zeros(speeds.size))
+
+
 def _width(target: Target) -> float:
     return target.speed_max - target.speed_min
 
@@ -142,24 +155,43 @@ _Measure = Callable[[Sequence[Impact], Target, Scene], Floats]
 def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> Evaluation:
     """Errors of a setting at held-out speeds and phases, then ever nearer to the worst of them.
 
-    With friction bodies slide and spin, too. An engine without phases gets each speed of the grid
-    once, and each eighth of the others. A setting that leaves a launch of the grid without an e is
-    of no use: it is judged by the grid alone.
-    Raises what `Engine.run` raises.
+    With friction bodies slide and spin, too: in the engine itself, or in the one whose contact it
+    has. An engine without phases gets each speed of the grid once, and each eighth of the others. A
+    setting that leaves a launch of the grid without an e is of no use: it is judged by the grid
+    alone. Raises what `Engine.run` raises.
     """
+    oblique: Setting | None = None
+    if target.friction:
+        oblique = engine.oblique_setting(setting)
+    if oblique is None:
+        # Nothing can be launched at an angle.
+        target = replace(target, friction=0.0)
+
+    def run(launches: Sequence[Launch]) -> list[Impact]:
+        """Impacts of launches, those at an angle in the engine that has them."""
+        if oblique is None or oblique.engine == engine.name:
+            return engine.run(scene, setting, launches)
+        straight = [launch for launch in launches if not launch.is_oblique]
+        others = [launch for launch in launches if launch.is_oblique]
+        at_an_angle = registry.engine(oblique.engine).run(scene, oblique, others)
+        return engine.run(scene, setting, straight) + at_an_angle
+
     launches = held_out_launches(target)
+    if oblique is not None and oblique.engine != engine.name:
+        # Its own steps are judged by as many launches.
+        launches += held_out_launches(replace(target, friction=0.0))[_SPEEDS * _PHASES :]
     if not isinstance(adapter_of(engine), SteppedEngine) or _error_controlled(engine, setting):
         # No phase of a step matters, and each may cost an ODE.
-        return evaluate_impacts(engine.run(scene, setting, launches[::_PHASES]), target, scene)
+        return evaluate_impacts(run(launches[::_PHASES]), target, scene)
     grid = _SPEEDS * _PHASES
-    impacts = engine.run(scene, setting, launches[:grid])
+    impacts = run(launches[:grid])
     # Each launch that never parts takes seconds of simulated time: hundreds would say no more.
     if not all(impact.is_measured for impact in impacts):
         return evaluate_impacts(impacts, target, scene)
-    impacts += engine.run(scene, setting, launches[grid:])
+    impacts += run(launches[grid:])
     random = np.random.default_rng(_SEED)
     if target.friction:
-        impacts += engine.run(scene, setting, oblique_launches(target))
+        impacts += run(oblique_launches(target))
     measures: list[_Measure] = [_errors]
     if target.friction:
         measures.append(_friction_errors)
@@ -167,7 +199,8 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
         off = np.nan_to_num(errors(impacts, target, scene), nan=-1.0)
         worst = impacts[int(off.argmax())]
         reach = _NEARBY / 4.0**closer
-        impacts += engine.run(scene, setting, _near(worst, target, reach, random))
+        impacts += run(_near(worst, target, reach, random))
+    impacts += run(corner_launches(target))
     return evaluate_impacts(impacts, target, scene)
 
 
@@ -185,7 +218,7 @@ def _near(worst: Impact, target: Target, reach: float, random: np.random.Generat
     around = _launches(
         target,
         np.clip(speeds, target.speed_min, target.speed_max),
-        np.clip(phases, 0.001, 0.999),
+        np.clip(phases, *_STEP_ENDS),
         np.abs(slips),
     )
     return [replace(launch, spin=worst.launch.spin) for launch in around]

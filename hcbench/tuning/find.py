@@ -63,6 +63,7 @@ def find_answer(
     """
     registry.require(engine)
     _require_friction(engine, target.friction)
+    _require_corners(engine, target.corners)
     if integrator is not None:
         _require_integrator(engine, integrator)
     scene = replace(scene, mass=target.mass, gravity=target.gravity, friction=target.friction)
@@ -82,16 +83,23 @@ def find_answer(
 
 
 def _require_friction(engine: str, friction: float) -> None:
-    """Raise SettingError for a friction above 0 in an engine without oblique launches: no body
-    that slides could be judged there.
+    """Raise SettingError for a friction above 0 in an engine for which no body that slides could be
+    judged: it has no oblique launches, nor the contact of an engine that has.
     """
     adapter = registry.engine(engine)
-    if not friction or adapter.oblique:
+    if not friction or adapter.oblique or adapter.default_friction:
         return
     advice = "Leave it out: settings of this engine are found without friction"
     if adapter.keeps_friction:
         advice = "Leave it out: the text leaves the friction of your bodies as it is"
     raise SettingError("friction", f"{friction:g} with {engine!r}", "0", advice)
+
+
+def _require_corners(engine: str, corners: int) -> None:
+    """Raise SettingError for several corners in an engine where no such body could be judged."""
+    if corners > 1 and not registry.engine(engine).several_corners:
+        advice = "Leave it out: settings of this engine are judged by a ball"
+        raise SettingError("corners", f"{corners} with {engine!r}", "1", advice)
 
 
 def _require_integrator(engine: str, integrator: str) -> None:
@@ -292,9 +300,10 @@ class _Finder:
             _speed, e = target.points[0]
             curve = ConstantRestitution(e)
         rows = len(setting.options.get("rows", ()))
-        # A body that meets at more points at once would gain energy.
+        # A body that meets at more points at once would gain energy; at others e is another.
         corners = 0
-        if passivity is not None and passivity.flat is False:
+        gains = passivity is not None and passivity.flat is False
+        if gains or (rows and target.corners > 1):
             corners = target.corners
         contacts = 0
         if "law" not in setting.options:

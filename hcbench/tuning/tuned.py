@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from hcbench.recipes.target import Target
+    from hcbench.sim.engine import Engine
     from hcbench.sim.passivity import Passivity
     from hcbench.sim.rest import Rest
     from hcbench.terms.scene import Scene
@@ -117,15 +118,28 @@ def make_tuned(
     is_theirs = adapter.keeps_friction and not target.friction_asked
     if target.friction and not is_theirs:
         setting = adapter.with_friction(setting, target.friction)
+    setting = adapter.with_corners(setting, target.corners)
     evaluation = evaluate(adapter, scene, setting, target)
     train = LongestTrain(target.curve, evaluation.max_error, target.speed_max)
     passivity = adapter.passivity(scene, setting, (target.speed_min, target.speed_max), train=train)
     rest = rest_test(adapter, scene, setting)
-    advice = tuple(filter(None, [passivity.others]))
+    advice = tuple(filter(None, [passivity.others, _judged_elsewhere(adapter, setting, target)]))
     advice += tuple(
         _advice(target, scene, evaluation, rest, recipe, registry.preferred(recipe.engine))
     )
     return Tuned(target, scene, recipe, setting, evaluation, rest, passivity, why, advice)
+
+
+def _judged_elsewhere(adapter: Engine, setting: Setting, target: Target) -> str:
+    """Sentence that names the engine in which what slides was judged; "" where it is this one."""
+    oblique = adapter.oblique_setting(setting) if target.friction else None
+    if oblique is None or oblique.engine == adapter.name:
+        return ""
+    other = registry.engine(oblique.engine)
+    return (
+        f"What slides and spins, boxes and a capsule were judged in {other.title} {other.version()}, "
+        f"whose contact {adapter.title} has; launches along the normal in {adapter.title} itself."
+    )
 
 
 def _advice(

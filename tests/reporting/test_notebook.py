@@ -58,3 +58,11 @@ def test_a_result_shows_itself(name: str) -> None:
         assert mpl.rcParams["lines.linewidth"] == 9.0
     assert figure.axes
     assert max(line.get_linewidth() for axes in figure.axes for line in axes.lines) < 9.0
+
+
+def test_the_plot_of_a_setting_says_on_which_side_of_the_target_it_lies() -> None:
+    result = tuned()
+    (axes,) = result.plot().axes
+    legend = " ".join(text.get_text() for text in axes.get_legend().get_texts())
+    judged = result.evaluation
+    assert f"mean error {judged.mean_error:+.2g}, {100 * judged.below:.0f} % below" in legend

@@ -368,6 +368,8 @@ def test_measured_pairs_get_an_e_that_falls_as_theirs_at_a_coarse_step_too(
         "1e-4",
         "--max-error",
         "0.008",
+        "--corners",
+        "1",
         "--json",
     ]
     assert run(asked) == 0

@@ -75,6 +75,8 @@ class MjxEngine(DescribesContact, SharedModelEngine):
     together = _PLACES
     suffixes = (".xml", ".mjcf", ".mjb")
     model_engine = "mujoco"
+    # MuJoCo's, of two geoms.
+    default_friction = 1.0
     own = ("law", "precision", "device")
     sets_solref = False
     devices = ("cpu", "gpu")
@@ -285,6 +287,12 @@ _FLOAT = (
     "In float32 e varies by 0.004 at 1 µs and 10 µs: put the contact near the origin, not 1 m up."
 )
 _PUSHES = "`two-pair` and `staggered` are refused: MJX ignores a pair's adhesion without a warning."
+_CONES = (
+    "With friction the cone is elliptic: MJX then has no contact of condim 1, in the whole model."
+)
+# Beside an impratio of 1e6 MJX rounds the square of mu / sqrt(impratio) up to 1e-15: with MuJoCo's
+# own least mu, 1e-5, e rises by 0.1 where a body slides. From 1e-3 on it moves as in MuJoCo.
+_LEAST_FRICTION = 1e-3
 
 
 def _coarser(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -292,6 +300,16 @@ def _coarser(options: Mapping[str, Any]) -> dict[str, Any]:
     rows = [
         {**row, "solimp": [IMPEDANCE, IMPEDANCE, *row["solimp"][2:]]} for row in options["rows"]
     ]
+    return {**options, "rows": rows}
+
+
+def _all_rough(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options whose rows all have a friction where one has: MJX has no condim 1 beside elliptic
+    cones.
+    """
+    rows = options["rows"]
+    if any(row.get("friction") for row in rows):
+        rows = [{"friction": _LEAST_FRICTION, **row} for row in rows]
     return {**options, "rows": rows}
 
 
@@ -310,11 +328,11 @@ _NATIVE = shared_recipes(
             "within": 3e-6,
         },
         "spring-damper": {"notes": (_FLOAT, _PUSHES), "integrators": _STEPS, "within": 6e-3},
-        "compliant": {"notes": (_SOFT, _FLOAT), "integrators": _ONE_FORCE, "within": 0.01},
+        "compliant": {"notes": (_SOFT, _FLOAT, _CONES), "integrators": _ONE_FORCE, "within": 0.01},
         "compliant-pairs": {
-            "function": changed("mujoco.compliant-pairs", dict, adhesive=False),
+            "function": changed("mujoco.compliant-pairs", _all_rough, adhesive=False),
             "summary": "Two pairs of the same two geoms that only push: e falls with speed, near the target.",
-            "notes": (_SOFT, _PUSHES),
+            "notes": (_SOFT, _PUSHES, _CONES),
             "integrators": _ONE_FORCE,
         },
         "soft": {

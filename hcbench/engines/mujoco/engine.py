@@ -135,6 +135,7 @@ class MujocoEngine(
     opens = ("an MjModel", "an MjData", "an MjSpec")
     # Of two geoms, and of a <pair>: friction "1 0.005 0.0001".
     default_friction = 1.0
+    several_corners = True
     features = Features(
         law=Feature("F = m d (k x + b v), clipped at 0; k, b by solref, d(x) by solimp", _DOCS),
         exponent=Feature("1; d(x) or several pairs give others", _DOCS),
@@ -243,6 +244,15 @@ class MujocoEngine(
             return setting
         with_it = [{**row, "friction": friction} for row in rows]
         return replace(setting, options={**setting.options, "rows": with_it})
+
+    def with_corners(self, setting: Setting, corners: int) -> Setting:
+        """The setting with its rows at each of several points; unchanged for one, and without rows.
+
+        A flat body that lands on n points by symmetry moves as one that meets n times at its centre.
+        """
+        if corners == 1 or not setting.options.get("rows"):
+            return setting
+        return replace(setting, options={**setting.options, "corners": corners})
 
     def script(self, scene: Scene, setting: Setting) -> str:
         """Return the MJCF of the scene under a setting."""

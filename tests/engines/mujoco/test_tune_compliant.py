@@ -16,8 +16,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from long_searches import long_search
 
+import hcbench
 from hcbench.engines.mujoco.backend import has_feature
+from hcbench.engines.mujoco.recipes import compliant
 from hcbench.engines.mujoco.recipes.compliant import (
     IMPRATIO,
     pushing_row,
@@ -217,6 +220,30 @@ def test_what_tune_prints_is_what_others_find(friction: float) -> None:
     assert tuned.evaluation.max_error < 1.5 * max(found), "and no more than what they find"
     assert tuned.rests
     assert not tuned.evaluation.deep
+
+
+@long_search
+@pytest.mark.adhesion
+def test_half_the_damping_of_the_spring_is_nearer_and_vibrates_13_times_as_fast(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The trade that the recipe's note tells of."""
+    question: dict[str, Any] = {"alpha": 0.3, "timestep": 2e-3, "speeds": "0.1:2 m/s"}
+    question |= {"friction": 0.0, "recipe": "compliant-pairs"}
+    calm = hcbench.tune("mujoco", **question).tuned
+    for name in ("_LEAST", "_CALM"):
+        monkeypatch.setattr(compliant, name, getattr(compliant, name) / 2.0)
+    lowest = compliant._LOWEST.copy()
+    lowest[1] -= math.log(2.0)
+    monkeypatch.setattr(compliant, "_LOWEST", lowest)
+    compliant._rows_for.cache_clear()
+    lively = hcbench.tune("mujoco", **question).tuned
+    compliant._rows_for.cache_clear()
+    assert (calm.error, lively.error) == pytest.approx((0.028, 0.024), abs=5e-4)
+    assert lively.rest.vibration / calm.rest.vibration == pytest.approx(13.0, rel=0.1)
+    (told,) = (note for note in calm.recipe.notes if note.startswith("With half"))
+    assert "0.024 for 0.028" in told
+    assert "13 times" in told
 
 
 def closed_law(scene: Any) -> Any:

@@ -248,12 +248,21 @@ def _pairs(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iterator[Sus
 
 
 def _corners(promise: Promise, points: int) -> Iterator[Suspect]:
-    """More points of contact at once than the pair was tuned for, where they gain energy."""
-    if not promise.corners or points <= promise.corners:
+    """Another number of points of contact at once than the pair was tuned for: more gain energy,
+    with fewer e is another.
+
+    points: 0 where their number is not known.
+    """
+    if not promise.corners or points in (0, promise.corners):
         return
+    number = "more"
+    follows = "it gains energy"
+    if points < promise.corners:
+        number = "fewer"
+        follows = "e is another"
     yield Suspect(
         "promised-corners",
-        "The two meet at more points at once than hcbench wrote this pair for: it gains energy.",
+        f"The two meet at {number} points at once than hcbench wrote this pair for: {follows}.",
         f"{points} points now; tuned for {promise.corners}",
         f"hcbench tune mujoco with --corners {points}, or --plugin",
         always_reported=True,

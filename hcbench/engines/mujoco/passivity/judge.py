@@ -154,7 +154,7 @@ def screened(
         or (options.integrator or "Euler") not in _LIKE_EULER
     ):
         return None
-    bounces = bounces_in_rows(options.rows, setting.timestep, scene.gravity, speeds, train)
+    bounces = bounces_in_rows(options.all_rows, setting.timestep, scene.gravity, speeds, train)
     passivity = _with_bodies(scene, setting, Passivity(bounces))
     if not scene.gravity:
         return passivity

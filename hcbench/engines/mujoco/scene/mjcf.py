@@ -68,6 +68,7 @@ class _Table(OptionTable):
     cone: _Cone | None = Field(None, description=f"one of: {', '.join(get_args(_Cone))}")
     impratio: Finite | None = Field(None, gt=0, description="a number above 0")
     rows: tuple[_RowTable, ...] = Field((), description="a list of contact constraints")
+    corners: int = Field(1, ge=1, description="a whole number above 0")
     law: Any = None
     friction: Finite = Field(0.0, ge=0, description="a number of 0 or more")
 
@@ -77,6 +78,7 @@ class Options:
     """A setting's options, checked. None, no rows and no law: the model as authored.
 
     friction: Coulomb's μ of a force law, to paste; a scene has its own.
+    corners: points at which a body of the scene meets the plate at once, each with these rows.
     """
 
     integrator: str | None
@@ -85,6 +87,12 @@ class Options:
     cone: str | None = None
     impratio: float | None = None
     friction: float = 0.0
+    corners: int = 1
+
+    @property
+    def all_rows(self) -> tuple[ConstraintRow, ...]:
+        """The rows of all points at which a body of the scene meets the plate at once."""
+        return self.rows * self.corners
 
     def attributes(self, number: Callable[[float], str] = repr) -> dict[str, str]:
         """Attributes of a model's <option> that are set, except the step.
@@ -107,7 +115,9 @@ def read_options(options: Mapping[str, Any]) -> Options:
     rows = tuple(ConstraintRow(**row.model_dump()) for row in table.rows)
     if table.friction and (law is None or not is_force(law)):
         raise SettingError("mujoco option 'friction'", "given without a force law", "one")
-    return Options(table.integrator, rows, law, table.cone, table.impratio, table.friction)
+    return Options(
+        table.integrator, rows, law, table.cone, table.impratio, table.friction, table.corners
+    )
 
 
 # Of a text to paste.
@@ -221,7 +231,7 @@ def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:
         geom = named(ball, "geom", "ball", path)
         named(root, "geom", "plate", path)
         remove_pairs(root)
-        for pair in add_pairs(root, geom, ["plate"], options.rows):
+        for pair in add_pairs(root, geom, ["plate"], options.all_rows):
             pair.set("gap", "0")
     elif options.rows:
         _write_limits(root, scene, options.rows, path)
