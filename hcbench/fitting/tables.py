@@ -270,9 +270,11 @@ def _header(
     groups = [i for i in near if i < at and i not in used and len(rows[i]) >= width - 1]
     if groups and len(set(header)) < len(header):
         group = _padded(rows[groups[-1]], body, width)
+        # A sentence above may have fewer words than the table has columns.
+        group = (*group, *[""] * (len(header) - len(group)))
         header = [
             (f"{of} {name}".lower() if of else name, unit)
-            for of, (name, unit) in zip(group, header, strict=True)
+            for of, (name, unit) in zip(group[: len(header)], header, strict=True)
         ]
     return tuple(header), [row for i, row in enumerate(rows) if i not in used]
 
