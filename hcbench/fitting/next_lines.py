@@ -42,8 +42,9 @@ def next_lines(
     elif result.law == "constant" and result.restitution is not None:
         what = check = f"--restitution {result.restitution.value:.6g}"
     else:
-        what = f"--points {_POINTS}"
         check = f"--points {_POINTS}"
+        # A ball was measured: settings for balls alone will do.
+        what = f"{check} --corners 1"
     lines = ["next:"]
     if _POINTS in what and "--write-points" not in given:
         lines.append(f"  hcbench {shlex.join(given)} --write-points {_POINTS}")

@@ -125,8 +125,8 @@ def test_a_bad_value_is_refused_in_the_name_of_its_parameter(
 
 
 def test_a_limit_that_is_passed_is_named_by_its_option(capsys: pytest.CaptureFixture[str]) -> None:
-    # One recipe: no search over all.
-    words = [*COMMANDS["tune an engine"], "--recipe", "compliant"]
+    # One recipe: no search over all. It is for balls.
+    words = [*COMMANDS["tune an engine"], "--recipe", "compliant", "--corners", "1"]
     assert run([*words, "--max-error", "0"]) == 1
     assert capsys.readouterr().err.startswith("hcbench: --max-error: ")
 
