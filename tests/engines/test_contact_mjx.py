@@ -35,6 +35,30 @@ GRAVITY = 9.81
 SPEEDS = np.repeat([0.13, 0.41, 1.1, 2.3], 3)
 PHASES = np.tile([0.12, 0.47, 0.83], 4)
 
+PRESSED = {
+    # A foot that carries 2 kg through a joint's limit.
+    "limit": (
+        """<body pos="0 0 .32"><joint type="slide" axis="0 0 1"/>
+<geom type="box" size=".1 .1 .05" mass="2" contype="0" conaffinity="0"/><body pos="0 0 -.25">
+<joint type="slide" axis="0 0 1" limited="true" range="-.05 .0001"/>
+<geom name="foot" size=".05" mass=".3"/></body></body>""",
+        {("foot", "floor"): 0.3},
+    ),
+    # A ball on a box.
+    "stack": (
+        """<body pos="0 0 .05"><joint type="slide" axis="0 0 1"/>
+<geom name="low" type="box" size=".05 .05 .05" mass="1"/></body>
+<body pos="0 0 .2"><joint type="slide" axis="0 0 1"/><geom name="foot" size=".08" mass="1"/></body>""",
+        {("low", "foot"): 0.3, ("low", "floor"): 0.3},
+    ),
+    # A spring that would bounce of itself.
+    "undamped": (
+        """<body pos="0 0 .06"><freejoint/>
+<geom name="foot" size=".05" mass=".3" solref="-20000 0" priority="1"/></body>""",
+        {("foot", "floor"): 0.3},
+    ),
+}
+
 jax_is_there = pytest.mark.needs_engine("mjx")
 
 
@@ -154,6 +178,27 @@ def test_a_tumbling_box_gains_no_energy_and_rests_where_e_is_below_1() -> None:
 
 
 @jax_is_there
+@pytest.mark.parametrize("name", PRESSED)
+def test_what_others_press_rests_no_deeper_than_on_mjx_s_own_contact(name: str) -> None:
+    """A stranger's worlds: contacts that gravity and motors alone do not load sank without end."""
+    from mujoco import mjx
+
+    body, pairs = PRESSED[name]
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option timestep=".002"/><worldbody>
+<geom name="floor" type="plane" size="5 5 .1"/>{body}</worldbody></mujoco>"""
+    )
+    with in_bits(64):
+        on_device = mjx.put_model(model)
+        start = mjx.make_data(model)
+        own = restitution(model, pairs)
+        _, (poses, rates) = stepped(on_device, start, None, lambda m, d, _: own(m, d), 1500)
+        _, (plain, _) = stepped(on_device, start, None, lambda m, d, _: mjx.step(m, d), 1500)
+    assert depth(model, poses[-1]) > min(depth(model, pose) for pose in plain[-300:]) - 1e-4
+    assert np.abs(rates[-1]).max() < 1e-3
+
+
+@jax_is_there
 @pytest.mark.slow
 def test_a_quadruped_rests_on_its_feet_no_deeper_than_on_mjx_s_own_contact() -> None:
     import jax
@@ -210,10 +255,13 @@ def test_the_page_s_scripts_run_in_a_user_s_folder(tmp_path: Path) -> None:
             r"^pairs: .*is in two pairs; expected each pair once",
         ),
         ("", {("ball", "floor"): -0.3}, SettingError, "^alpha: -0.3 s/m"),
+        ("", {("ball", "floor"): "0.3 s/m"}, UserError, "^pairs: "),
+        ("", {("world", "floor"): 0.3}, UserError, "^pairs: .* cannot meet"),
+        ("", {("ball", "ball"): 0.3}, UserError, "^pairs: .* cannot meet"),
     ],
 )
 def test_what_cannot_bounce_is_an_error_by_name(
-    option: str, pairs: Mapping[Any, float], error: type[Exception], message: str
+    option: str, pairs: Mapping[Any, Any], error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
         restitution(world(option=option), pairs)

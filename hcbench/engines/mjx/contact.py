@@ -26,6 +26,7 @@ from hcbench.laws.restitution import ConstantRestitution, Restitution
 from hcbench.sim.packages import suggest_names
 from hcbench.system.errors import SettingError, UserError
 from hcbench.terms.arguments import checked
+from hcbench.terms.units import is_real
 
 # Steps of what presses a contact whose speed counts as rest.
 _STILL = 1.1
@@ -36,9 +37,10 @@ _SETTLED = 1e-6
 # e of eq. (16) depends on α v alone: its table, which is straight between the points to 2e-7.
 _NUMBERS = np.concatenate([[0.0], np.geomspace(1e-6, 1e3, 8000)])
 _E = np.clip(Restitution(1.0).at(_NUMBERS), 0.0, 1.0)
-# Shares of a resting contact's damping and speed of rest with which it gives depth back.
-_CRITICAL = 0.25
+# Share of the speed of rest with which a resting contact gives depth back, and the share of its
+# load, over what its impedance lets by, that it bears at least.
 _RISE = 0.5
+_BEARS = 2.0
 
 # What a pair's value is: α of eq. (16), α of eq. (2), or e.
 _LAW, _LINEAR, _CONSTANT = range(3)
@@ -124,6 +126,9 @@ def restitution(model: Any, pairs: Mapping[tuple[str, str], Value]) -> Step:
         from mujoco import mjx
 
         chosen = defaults if values is None else values
+        if np.shape(chosen) != defaults.shape:
+            got = f"an array of shape {np.shape(chosen)}"
+            raise UserError("values", got, f"{defaults.shape}: one of each pair")
         data = _forward(laws, model, data, chosen)
         if model.opt.integrator == mjx.IntegratorType.EULER:
             return mjx.euler(model, data)
@@ -143,11 +148,18 @@ def _laws(model: Any, pairs: Mapping[tuple[str, str], Value]) -> _Laws:
     readings = []
     for number, (names, value) in enumerate(pairs.items()):
         first, second = (_geoms(model, name) for name in names)
+        moves = model.body_weldid[model.geom_bodyid[[*first, *second]]] != 0
+        if not moves.any() or set(first) & set(second):
+            raise UserError("pairs", f"{names} cannot meet", "two parts, one of which moves")
         if np.any(pair_of[np.ix_(first, second)] >= 0):
             raise UserError("pairs", f"{names} is in two pairs", "each pair once")
         pair_of[np.ix_(first, second)] = number
         pair_of[np.ix_(second, first)] = number
-        law = Restitution(value) if isinstance(value, float | int) else value
+        law = value
+        if not isinstance(value, Restitution | ConstantRestitution):
+            if not is_real(value):
+                raise UserError("pairs", f"{value!r} of {names}", "α in s/m, or a law")
+            law = Restitution(float(value))
         if isinstance(law, ConstantRestitution):
             values.append(law.restitution)
             readings.append(_CONSTANT)
@@ -164,7 +176,10 @@ def _geoms(model: Any, name: str) -> np.ndarray:
         return np.array([geoms.index(name)])
     bodies = [model.body(i).name for i in range(model.nbody)]
     if name in bodies:
-        return np.flatnonzero(model.geom_bodyid == bodies.index(name))
+        found = np.flatnonzero(model.geom_bodyid == bodies.index(name))
+        if not found.size:
+            raise UserError("pairs", f"body {name!r} has no geom", "one that can touch")
+        return found
     known = [each for each in (*geoms, *bodies) if each]
     raise UserError("pairs", f"no geom or body {name!r}", *suggest_names(name, known))
 
@@ -173,10 +188,11 @@ def _forward(laws: _Laws, model: Any, data: Any, values: Any) -> Any:
     """MJX's forward dynamics with the impacts at its start."""
     from mujoco import mjx
 
+    before = data
     data = mjx.fwd_position(model, data)
     contact = data._impl.contact
     if contact.dist.size:
-        data = _collide(laws, model, data, values)
+        data = _collide(laws, model, before, data, values)
         data = mjx.make_constraint(model, data)
     data = mjx.sensor_pos(model, data)
     data = mjx.fwd_velocity(model, data)
@@ -191,22 +207,26 @@ def _forward(laws: _Laws, model: Any, data: Any, values: Any) -> Any:
     return mjx.sensor_acc(model, data)
 
 
-def _collide(laws: _Laws, model: Any, data: Any, values: Any) -> Any:
-    """Let contacts collide: velocities after it, and contacts whose rows only let them rest."""
+def _collide(laws: _Laws, model: Any, before: Any, data: Any, values: Any) -> Any:
+    """Let contacts collide: velocities after it, and contacts whose rows only let them rest.
+
+    before: the data with the forces of the step before.
+    """
     import jax.numpy as jnp
 
     touch = _touch(laws, model, data)
     timestep = model.opt.timestep
     rates = touch.rows @ data.qvel
-    # Of all that presses, as the step before had it: gravity, motors, springs.
+    # Of gravity, motors and springs, as the step before had them.
     presses = jnp.maximum(-(touch.rows[:, 0] @ data.qacc_smooth), 0.0)
-    calm = _STILL * timestep * presses + 1e-9
+    load = jnp.maximum(presses, _loads(model, touch, before, data))
+    calm = _STILL * timestep * load + 1e-9
     target, half = _targets(laws, touch, values, -rates[:, 0], presses, calm, timestep)
     shifted = rates.at[:, 0].add(-half)
     impulse = _impulses(touch, shifted, target)
     qvel = data.qvel + jnp.einsum("nk,nkv->v", impulse, touch.moves)
     rate = touch.rows[:, 0] @ qvel
-    contact = _resting(data._impl.contact, touch, rate > calm, calm, timestep)
+    contact = _resting(data._impl.contact, touch, rate > calm, load, timestep)
     return data.replace(qvel=qvel).tree_replace({"_impl.contact": contact})
 
 
@@ -232,6 +252,47 @@ def _touch(laws: _Laws, model: Any, data: Any) -> _Touch:
     factor = jax.scipy.linalg.cho_factor(mjx.full_m(model, data))
     moves = jax.scipy.linalg.cho_solve(factor, rows.reshape(-1, model.nv).T).T
     return _Touch(law, depth, friction, rows, moves.reshape(rows.shape))
+
+
+def _loads(model: Any, touch: _Touch, before: Any, data: Any) -> Any:
+    """Accelerations that each contact bears, or would have without its own force, m/s², (n,): of the
+    weight of either body alone, and of all other forces of the step before.
+
+    A foot may be pressed through a joint's limit, a body by others that lie on it: of that, gravity
+    and motors alone tell nothing.
+    """
+    import jax.numpy as jnp
+
+    contact = data._impl.contact
+    normal = contact.frame[:, 0]
+    moves = jnp.array(model.body_weldid != 0)[jnp.array(model.geom_bodyid)[contact.geom]]
+    along = normal @ model.opt.gravity
+    weight = jnp.maximum(along * moves[:, 0], -along * moves[:, 1])
+    own = jnp.einsum("nv,nv->n", touch.rows[:, 0], touch.moves[:, 0]) * _normal_forces(
+        model, before
+    )
+    others = own - touch.rows[:, 0] @ before.qacc
+    return jnp.maximum(jnp.maximum(weight, others), 0.0)
+
+
+def _normal_forces(model: Any, data: Any) -> Any:
+    """Forces along the normals of all contacts in the last step, N, (n,). A contact has the same
+    place in every step.
+    """
+    import jax.numpy as jnp
+    from mujoco import mjx
+
+    contact = data._impl.contact
+    force = data._impl.efc_force
+    if force.size == 0:
+        return jnp.zeros_like(contact.dist)
+    of_normal = []
+    for dim, row in zip(contact.dim, contact.efc_address, strict=True):
+        # The edges of a pyramid share the normal's force.
+        is_pyramid = dim > 1 and model.opt.cone == mjx.ConeType.PYRAMIDAL
+        edges = 2 * (dim - 1) if is_pyramid else 1
+        of_normal.append(jnp.sum(force[row : row + edges]))
+    return jnp.stack(of_normal)
 
 
 def _targets(
@@ -318,22 +379,26 @@ def _impulses(touch: _Touch, rates: Any, target: Any) -> Any:
     return jnp.clip(most, 0.0, 1.0) * impulse
 
 
-def _resting(contact: Any, touch: _Touch, parts: Any, calm: Any, timestep: Any) -> Any:
-    """Contacts for MJX's own rows: those of a law that part have none, and those that rest give back
-    their depth no faster than what counts as rest.
+def _resting(contact: Any, touch: _Touch, parts: Any, load: Any, timestep: Any) -> Any:
+    """Contacts for MJX's own rows: those of a law that part have none, and those that rest do not
+    bounce by their spring.
 
-    Its damping stays the model's; a spring that bounces is held to its critical stiffness.
+    load: of each contact, m/s². Its spring is that of the model, with the damping that makes it
+    critical at least. It gives depth back no faster than what counts as rest, but bears its load.
     """
     import jax.numpy as jnp
 
     has_law = touch.law >= 0
-    constant, damping = contact.solref[:, 0], -contact.solref[:, 1]
-    by_time = 2.0 / jnp.maximum(constant, 2.0 * timestep)
-    is_direct = constant <= 0.0
-    damping = jnp.where(is_direct, jnp.minimum(damping, 1.0 / timestep), by_time)
-    damping = jnp.maximum(damping, 1e-3)
-    slow = _RISE * calm / jnp.maximum(touch.depth, 1e-9)
-    stiffness = damping * jnp.minimum(_CRITICAL * damping, slow)
+    is_direct = contact.solref[:, 0] <= 0.0
+    constant = jnp.maximum(contact.solref[:, 0], 2.0 * timestep)
+    ratio = jnp.maximum(contact.solref[:, 1], 1e-3)
+    stiffness = jnp.where(is_direct, -contact.solref[:, 0], 1.0 / (constant * ratio) ** 2)
+    damping = jnp.where(is_direct, -contact.solref[:, 1], 2.0 / constant)
+    stiffness = jnp.minimum(stiffness, 0.25 / timestep**2)
+    damping = jnp.clip(damping, 2.0 * jnp.sqrt(stiffness), 1.0 / timestep)
+    lets_by = 1.0 / jnp.maximum(contact.solimp[:, 0], 1e-4) - 1.0
+    most = jnp.maximum(_RISE * _STILL * timestep * damping, _BEARS * lets_by) * load
+    stiffness = jnp.minimum(stiffness, most / jnp.maximum(touch.depth, 1e-9))
     solref = jnp.stack([-stiffness, -damping], axis=1)
     away = contact.includemargin + 1.0
     return contact.replace(
