@@ -155,11 +155,13 @@ def _laws(model: Any, pairs: Mapping[tuple[str, str], Value]) -> _Laws:
             raise UserError("pairs", f"{names} is in two pairs", "each pair once")
         pair_of[np.ix_(first, second)] = number
         pair_of[np.ix_(second, first)] = number
-        law = value
-        if not isinstance(value, Restitution | ConstantRestitution):
-            if not is_real(value):
-                raise UserError("pairs", f"{value!r} of {names}", "α in s/m, or a law")
+        law: Restitution | ConstantRestitution
+        if isinstance(value, Restitution | ConstantRestitution):
+            law = value
+        elif is_real(value):
             law = Restitution(float(value))
+        else:
+            raise UserError("pairs", f"{value!r} of {names}", "α in s/m, or a law")
         if isinstance(law, ConstantRestitution):
             values.append(law.restitution)
             readings.append(_CONSTANT)
