@@ -64,7 +64,7 @@ _MOST_CHARACTERS = 400
 _MASK = "\0"
 
 
-class _Part(NamedTuple):
+class _WrittenNumber(NamedTuple):
     """A number in a line: its text, and the words before and after it."""
 
     number: str
@@ -197,13 +197,13 @@ def _named(line: str) -> Iterator[tuple[str, str]]:
         yield (f"{words} [{unit[1]}]" if is_with_unit and unit else words), part.number
 
 
-def _parts(line: str) -> Iterator[_Part]:
+def _parts(line: str) -> Iterator[_WrittenNumber]:
     """The numbers in a line."""
     found = list(_NUMBER.finditer(line))
     ends = [0, *(match.end() for match in found)]
     starts = [*(match.start() for match in found), len(line)]
     for i, match in enumerate(found):
-        yield _Part(match[0], line[ends[i] : starts[i]], line[ends[i + 1] : starts[i + 1]])
+        yield _WrittenNumber(match[0], line[ends[i] : starts[i]], line[ends[i + 1] : starts[i + 1]])
 
 
 def _plain(text: str) -> str:
