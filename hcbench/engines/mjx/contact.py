@@ -7,10 +7,11 @@
     step = jax.jit(restitution(model, {("ball", "floor"): 0.3}))  # α, s/m
     data = step(mjx.put_model(model), data)
 
-It has the rule of the MuJoCo plug-in `hcbench.restitution`: contacts that touch and approach faster
-than a step's fall collide at the start of the step, all at once, with Coulomb friction, each with
-the e of its own approach. Contacts that part then are silent for the step; those that rest stay
-MJX's own.
+Contacts that touch and approach faster than their load moves them in a step collide at the start of
+the step, all at once, with Coulomb friction, each with the e of its own approach. Contacts that part
+then are silent for the step; those that rest stay MJX's own. The speeds that e is of are those of
+the MuJoCo plug-in `hcbench.restitution` (`hcb_under_gravity` in `laws/collision.c`); that one lets
+several contacts collide in rounds, here all of them have Newton's rule at once.
 """
 
 from __future__ import annotations
@@ -31,10 +32,10 @@ from hcbench.terms.units import is_real
 # Steps of what presses a contact whose speed counts as rest.
 _STILL = 1.1
 # Sweeps over the contacts that collide, at most; and the change, as a share of the fastest approach,
-# below which they have settled. Four corners of a box settle to 1e-6 in some thirty.
+# below which they have settled.
 _SWEEPS = 100
 _SETTLED = 1e-6
-# e of eq. (16) depends on α v alone: its table, which is straight between the points to 2e-7.
+# e of eq. (16) depends on α v alone: its table, which is straight between the points to 3e-7.
 _NUMBERS = np.concatenate([[0.0], np.geomspace(1e-6, 1e3, 8000)])
 _E = np.clip(Restitution(1.0).at(_NUMBERS), 0.0, 1.0)
 # Share of the speed of rest with which a resting contact gives depth back, and the share of its
