@@ -4,6 +4,7 @@ target.
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, cast
@@ -37,4 +38,6 @@ def test_the_next_line_of_measure_is_of_the_same_launches(
     assert run(["measure", GOOD, "--pair=ball,plate", *launches]) == 0
     line = " ".join(capsys.readouterr().out.partition("next:\n")[2].replace("\\\n", " ").split())
     typed = "--speeds '1 m/s' --phases 1 --timestep '1/240 s' --no-actuators"
-    assert line == (f"hcbench check {GOOD} --pair ball,plate {typed} --write-baseline bounce.json")
+    assert line == (
+        f"hcbench check {shlex.quote(GOOD)} --pair ball,plate {typed} --write-baseline bounce.json"
+    )
