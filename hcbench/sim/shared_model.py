@@ -60,6 +60,8 @@ _LONGER = 4
 _REST = 256
 # Copies in a batch, at least.
 _WIDTH = 32
+# Impedance of a bounce in one step.
+_ONE_STEP = 0.9999
 
 
 class Copies(ABC):
@@ -237,10 +239,6 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         """Return the bits of the engine's numbers under a setting. Raises SettingError."""
         return self.bits
 
-    def impedance(self, setting: Setting) -> float:
-        """The largest impedance of a bounce in one step that its numbers resolve."""
-        return 0.9999
-
     def load(self, scene: Scene, setting: Setting, fastest: float) -> CopiesWorld:
         """A scene under a setting.
 
@@ -300,7 +298,7 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         """
         options = {word: value for word, value in setting.options.items() if word not in self.own}
         if self.sets_solref and isinstance(self.law(setting), Restitution):
-            d = self.impedance(setting)
+            d = _ONE_STEP
             options["rows"] = [
                 {"solref": [0.0, -1.0 / setting.timestep], "solimp": [d, d, 0.001, 0.5, 2.0]}
             ]

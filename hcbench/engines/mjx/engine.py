@@ -90,10 +90,6 @@ class MjxEngine(DescribesContact, SharedModelEngine):
             raise SettingError("mjx option 'precision'", repr(precision), "'float32' or 'float64'")
         return _BITS[precision]
 
-    def impedance(self, setting: Setting) -> float:
-        """The largest impedance d under a setting: float32 keeps too little of 1 - d for more."""
-        return 0.9999 if self.bits_of(setting) == 64 else IMPEDANCE
-
     def law_lines(self, law: PythonLaw | None, pair: Pair = PAIR) -> str:
         """The step of one world with a law in it, for jit and vmap."""
         if isinstance(law, Restitution):
@@ -151,7 +147,7 @@ class MjxEngine(DescribesContact, SharedModelEngine):
             on_device,
             empty.replace(**held),
             bits,
-            *_compiled(law or "step = mjx.step", radius, bits, model if law else None),
+            *_compiled(law or "step = mjx.step", radius, bits, model if _OWN in law else None),
         )
         if device:
             memory = (chosen.memory_stats() or {}).get("bytes_limit") or free_memory()
@@ -227,7 +223,7 @@ def _compiled(step_text: str, radius: float, bits: int, own: Any) -> tuple[Any, 
     them, or take steps and read impacts instead; made once for each law and precision.
 
     step_text: lines that define `step(model, data)`. radius: of the ball, m. bits: 32 or 64.
-    own: the MjModel that a law's lines read; None of others.
+    own: the MjModel that the lines of e(v) read; None of others.
     """
     import jax
     import jax.numpy as jnp
@@ -270,6 +266,8 @@ def step(model, data):  # contacts off; R: the ball's radius, above the plane z 
     x = jnp.maximum(R - data.qpos[2], 0.0)
     f = jnp.maximum({k} * x**{n} * (1 - {a} * data.qvel[2]), 0.0)
     return mjx.step(model, data.replace(qfrc_applied=data.qfrc_applied.at[2].set(f)))"""
+# Lines of e(v) are made for the geoms of one model; others serve any, and are compiled once.
+_OWN = "restitution(model, "
 _EACH = """\
 # model: your mujoco.MjModel. Then, in place of mjx.step: data = step(mjx.put_model(model), data)
 from hcbench.contact.mjx import Restitution, restitution
