@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from itertools import cycle, product
 from typing import Any
 
@@ -129,10 +130,7 @@ def _overlap(force: float) -> tuple[Figure, SimulatedMotion, VibroImpact]:
     """
     system = VibroImpact(1.0, -2.0 * SQUEEZE, SOFT, SOFT)
     f = linearized(system).resonance
-    whole_run = simulate(
-        system, 0.0, 0.0, SETTLED / f, Sinusoid(force, f), tolerance=1e-9, step_max=0.008 / f
-    )
-    run = whole_run.during((SETTLED - 1.0) / f, SETTLED / f)
+    run = _last_cycle(system, force)
     figure = new_figure(8.4, 3.6)
     parts, whole = figure.subplots(1, 2, sharex=True)
     q = run.position
@@ -151,6 +149,18 @@ def _overlap(force: float) -> tuple[Figure, SimulatedMotion, VibroImpact]:
             for x in (-SQUEEZE, SQUEEZE):
                 axes.axvline(x, color=GREY, linewidth=0.8, linestyle=(0, (2, 2)))
     return figure, run, system
+
+
+@cache
+def _last_cycle(system: VibroImpact, force: float) -> SimulatedMotion:
+    """The last of SETTLED cycles of a drive at the resonance of the linearised mass.
+
+    force: amplitude of the drive, in the sketch's own units.
+    """
+    f = linearized(system).resonance
+    drive = Sinusoid(force, f)
+    run = simulate(system, 0.0, 0.0, SETTLED / f, drive, tolerance=1e-9, step_max=0.008 / f)
+    return run.during((SETTLED - 1.0) / f, SETTLED / f)
 
 
 def _ellipse(system: VibroImpact, run: SimulatedMotion, frequency: float) -> tuple[Floats, Floats]:
