@@ -40,13 +40,13 @@ def preview(title: str) -> bytes:
 
 @cache
 def _title_font() -> FreeTypeFont:
-    """Matplotlib's own font: the same on every machine."""
+    """The font of the titles. Matplotlib brings it: it is the same on every machine."""
     return truetype(get_data_path() + "/fonts/ttf/DejaVuSans.ttf", _TITLE)
 
 
 @cache
 def _without_title() -> Image:
-    """What all pictures share: it takes ten times as long as a title."""
+    """The part that all pictures share; it takes ten times as long as a title."""
     figure = Figure(figsize=(WIDTH / _DOTS, HEIGHT / _DOTS), dpi=_DOTS, facecolor="white")
     figure.text(0.05, 0.88, "hcbench", color=_BLUE, fontsize=30, fontweight="bold", va="center")
     purpose = "\n".join(textwrap.wrap(PURPOSE, 86))
