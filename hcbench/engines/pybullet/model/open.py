@@ -402,8 +402,8 @@ def _load(bullet: BulletClient, path: Path, packages: Packages) -> list[int]:
     """
     if path.suffix.lower() != ".urdf":
         return bullet.load_model(path)
-    # Bodies bounce by their collision shapes. The meshes and textures that a camera would see are
-    # most of what a robot takes to load, and of the memory that each fork copies.
+    # Bodies bounce by their collision shapes. The meshes and textures for cameras are most of
+    # what a robot takes to load, and of the memory that each fork copies.
     flags = bullet.module.URDF_IGNORE_VISUAL_SHAPES
     try:
         if not packages and is_utf8(path):
