@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -37,11 +38,16 @@ print(json.dumps([code, list(sys.modules)]))
         (["law", "--alpha", "0.008 s/in", "--speeds", "8 in/s"], set()),
         (["convert", "--alpha", "0.008 s/in"], {"pydantic"}),
         (["engines"], {"pydantic"}),
+        # The names of its columns are told from units by units of other kinds.
+        (["fit", "{table}"], {"pydantic", "scipy.special"}),
         (["measure", MODEL, "--pair", "ball,plate", "--alpha", "0.3 s/m"], {"pydantic", "mujoco"}),
     ],
     ids=lambda value: value[0] if isinstance(value, list) else "",
 )
-def test_a_command_imports_what_it_uses(words: list[str], uses: set[str]) -> None:
+def test_a_command_imports_what_it_uses(words: list[str], uses: set[str], tmp_path: Path) -> None:
+    table = tmp_path / "speeds.csv"
+    table.write_text("v_in (m/s),v_out (m/s)\n0.2,0.19\n0.4,0.36\n0.8,0.64\n1.2,0.9\n")
+    words = [word.format(table=table) for word in words]
     ran = subprocess.run(
         [sys.executable, "-c", RUN, *words], capture_output=True, text=True, check=True
     )
