@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 SLOW = {
+    "numpy",
     "pint",
     "pydantic",
     "scipy.optimize",
@@ -35,12 +36,17 @@ print(json.dumps([code, list(sys.modules)]))
 @pytest.mark.parametrize(
     ("words", "uses"),
     [
-        (["law", "--alpha", "0.008 s/in", "--speeds", "8 in/s"], set()),
-        (["convert", "--alpha", "0.008 s/in"], {"pydantic"}),
-        (["engines"], {"pydantic"}),
+        (["--help"], set()),
+        (["tune", "--help"], set()),
+        (["law", "--alpha", "0.008 s/in", "--speeds", "8 in/s"], {"numpy"}),
+        (["convert", "--alpha", "0.008 s/in"], {"numpy", "pydantic"}),
+        (["engines"], {"numpy", "pydantic"}),
         # The names of its columns are told from units by units of other kinds.
-        (["fit", "{table}"], {"pydantic", "scipy.special"}),
-        (["measure", MODEL, "--pair", "ball,plate", "--alpha", "0.3 s/m"], {"pydantic", "mujoco"}),
+        (["fit", "{table}"], {"numpy", "pydantic", "scipy.special"}),
+        (
+            ["measure", MODEL, "--pair", "ball,plate", "--alpha", "0.3 s/m"],
+            {"numpy", "pydantic", "mujoco"},
+        ),
     ],
     ids=lambda value: value[0] if isinstance(value, list) else "",
 )
