@@ -126,7 +126,7 @@ def test_processor_time_of_a_command(
 
 
 def test_processor_time_of_a_fit(beside: Any, tmp_path: Path) -> None:
-    """Of a table of five impacts."""
+    """Processor time of `fit` with a table of five impacts."""
     table = tmp_path / "speeds.csv"
     pairs = ["0.2,0.19", "0.4,0.36", "0.8,0.64", "1.2,0.9", "1.6,1.1"]
     table.write_text("\n".join(["v_in (m/s),v_out (m/s)", *pairs]))
@@ -144,7 +144,7 @@ def test_processor_time_of_a_fit(beside: Any, tmp_path: Path) -> None:
 def test_processor_time_of_measuring_a_urdf(
     beside: Any, what: str, file: str, pair: str, must: str, aim: str
 ) -> None:
-    """With the search for causes; files of pybullet_data."""
+    """Processor time of `measure`, with its search for causes, in files of pybullet_data."""
     data = Path(pytest.importorskip("pybullet_data").getDataPath())
     words = ("measure", str(data / file), str(data / "plane.urdf"), "--pair", pair)
     beside(
@@ -157,7 +157,7 @@ def test_processor_time_of_measuring_a_urdf(
 
 
 def test_processor_time_of_a_million_drops(beside: Any, tmp_path: Path) -> None:
-    """A fifth of them, times five; with the files."""
+    """Processor time of a fifth of them, times five, with their files."""
     study = tmp_path / "study.toml"
     study.write_text(
         'scene = "steel-plane"\nalphas = "0.002, 0.004, 0.008, 0.016 s/in"\n'

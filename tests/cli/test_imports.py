@@ -41,7 +41,7 @@ print(json.dumps([code, list(sys.modules)]))
         (["law", "--alpha", "0.008 s/in", "--speeds", "8 in/s"], {"numpy"}),
         (["convert", "--alpha", "0.008 s/in"], {"numpy", "pydantic"}),
         (["engines"], {"numpy", "pydantic"}),
-        # The names of its columns are told from units by units of other kinds.
+        # Its header has units, which are compared with those of other kinds.
         (["fit", "{table}"], {"numpy", "pydantic", "scipy.special"}),
         (
             ["measure", MODEL, "--pair", "ball,plate", "--alpha", "0.3 s/m"],

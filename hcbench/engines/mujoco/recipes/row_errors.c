@@ -9,7 +9,7 @@ typedef struct {
   double stiffness, damping, damper, dmax, width, midpoint, rise, level;
 } Rows;
 
-// The goal of a fit, as RowFit has it; the fields of row_pair.py's _Goal.
+// The goal of a fit, a RowFit; the fields of row_pair.py's _Goal.
 typedef struct {
   // Of each launch: speed, where in a step it starts, and e, NaN where any e will do.
   const double* speeds;
@@ -31,7 +31,7 @@ typedef struct {
   double costs;
 } Goal;
 
-// The larger of two, NaN where one is NaN, as np.maximum has it.
+// The larger of two, NaN where one is NaN: np.maximum.
 static double larger(double a, double b) { return isnan(a) || a > b ? a : b; }
 
 // As RowFit._acceleration.
