@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from hcbench.engines.pybullet.model.open import _load
 from hcbench.measuring import Measurement, Wanted, measure
 from hcbench.measuring.request import make_request
 from hcbench.sim.simulate import impacts_in
+from hcbench.terms.impact import Launch
 from hcbench.workers import process
 
 p = pytest.importorskip("pybullet")
@@ -74,6 +76,21 @@ def test_one_copy_of_a_world_of_two_bodies_has_all_launches_with_the_bits_of_a_c
     each = impacts()
     assert (shared[0], each[0]) == (2, 0)
     assert shared[1] == each[1]
+
+
+def test_a_launch_that_flies_off_leaves_nothing_to_the_next() -> None:
+    paths = [str(DATA / "cube_small.urdf"), str(DATA / "plane.urdf")]
+
+    def last_of(*speeds: float) -> str:
+        request = make_request(None, gravity=9.81)
+        with under_test.open_world(paths, request, None) as world:
+            launches = [Launch(speed) for speed in speeds]
+            for launch in launches[:-1]:
+                with closing(world.release([launch])) as simulation:
+                    simulation.advance(3)
+            return repr(impacts_in(world, launches[-1:]))
+
+    assert last_of(1e300, 0.5) == last_of(0.5)
 
 
 @pytest.mark.parametrize(

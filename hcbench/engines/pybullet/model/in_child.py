@@ -8,9 +8,12 @@ from functools import partial
 from multiprocessing.connection import Connection, Pipe
 from typing import TYPE_CHECKING, Any, TypeVar, final
 
+import numpy as np
+
 from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.sim.world import Record, Simulation
 from hcbench.system.errors import EngineFailed
+from hcbench.terms.impact import SLIP
 from hcbench.workers import process
 from hcbench.workers.process import Fork
 
@@ -123,6 +126,8 @@ class ForkedSimulation(Simulation):
 _CONNECTION = "connectionMethod"
 # Bodies of a world that has a pair alone.
 _PAIR = 2
+# Places, m, and speeds, m/s, below which a body is within Bullet's bounds.
+_NEAR = 1e4
 # Bodies so far apart, m, have no contacts.
 _FAR = 1e4
 
@@ -187,6 +192,9 @@ class CopyOfWorld:
     Each finds the world as the first did, which holds for worlds that `keeps_nothing`. The fork
     takes a hundred times as long as the steps of a ball.
 
+    A launch that flies off ends the copy, because Bullet takes bodies out of the simulation whose
+    boxes are not finite, or larger than 1e6 m.
+
     release: begins a launch in the world itself. prepare: called once, before all launches.
     """
 
@@ -196,7 +204,9 @@ class CopyOfWorld:
         release: Callable[[Launch], Simulation],
         prepare: Callable[[], object],
     ) -> None:
-        self._child = _Child(lambda: _Turns(bullet, release, prepare).advance)
+        self._make = lambda: _Turns(bullet, release, prepare).advance
+        self._child: _Child | None = None
+        self._flew_off = False
         self._under_way: object = None
 
     def release(self, launch: Launch) -> Simulation:
@@ -207,12 +217,29 @@ class CopyOfWorld:
     def advance(self, simulation: _LaunchInCopy, launch: Launch | None, steps: int) -> Record:
         """Take steps of the launch under way. launch: None where it has been released."""
         assert simulation is self._under_way, "a copy of a world has one launch at a time"
+        if launch is not None and self._flew_off:
+            self.close()
+        if self._child is None:
+            self._child = _Child(self._make)
+            self._flew_off = False
         record: Record = self._child.ask((launch, steps))
+        self._flew_off |= not _is_near(record)
         return record
 
     def close(self) -> None:
         """End the copy."""
-        self._child.close()
+        if self._child is not None:
+            self._child.close()
+            self._child = None
+
+
+def _is_near(record: Record) -> bool:
+    """Say whether all places and speeds of a record are those of a body that stays about."""
+    motion = [record.penetration, record.rate]
+    if record.tangential is not None:
+        motion.append(record.tangential[SLIP])
+    # Written so that NaN is not near.
+    return all(float(np.abs(each).max()) < _NEAR for each in motion)
 
 
 class _LaunchInCopy(Simulation):
