@@ -402,13 +402,16 @@ def _load(bullet: BulletClient, path: Path, packages: Packages) -> list[int]:
     """
     if path.suffix.lower() != ".urdf":
         return bullet.load_model(path)
+    # Bodies bounce by their collision shapes. The meshes and textures for cameras are most of
+    # what a robot takes to load, and of the memory that each fork copies.
+    flags = bullet.module.URDF_IGNORE_VISUAL_SHAPES
     try:
         if not packages and is_utf8(path):
-            return bullet.load_model(path)
+            return bullet.load_model(path, flags=flags)
         with tempfile.TemporaryDirectory() as folder:
             copy = Path(folder) / path.name
             copy.write_text(with_absolute_files(path, packages), encoding="utf-8")
-            return bullet.load_model(copy)
+            return bullet.load_model(copy, flags=flags)
     except SceneError:
         require_packages(path, packages)
         raise

@@ -31,7 +31,14 @@ from hcbench.engines.pybullet.model.causes import (
     speed_of_hops,
     what_distorts,
 )
-from hcbench.engines.pybullet.model.in_child import Answer, can_fork, release_aside, run_aside
+from hcbench.engines.pybullet.model.in_child import (
+    Answer,
+    CopyOfWorld,
+    can_fork,
+    keeps_nothing,
+    release_aside,
+    run_aside,
+)
 from hcbench.engines.pybullet.model.landing import land
 from hcbench.engines.pybullet.model.list_pairs import find_pair, list_pairs
 from hcbench.engines.pybullet.model.loads import PairInWorld, carried_by, standing
@@ -133,11 +140,13 @@ class _Placed(NamedTuple):
     """The pair of a world at touch.
 
     law: number of the plug-in's law between the two and the command that added it, or None.
+    is_put_back_whole: whether one copy of the world can have all launches, to the bit as alone.
     timestep: s. gravity: along the normal, into the other body, m/s².
     """
 
     place: BulletPlacement
     law: tuple[int, str] | None
+    is_put_back_whole: bool
     promise: Promise | None
     timestep: float
     gravity: float
@@ -172,6 +181,7 @@ class PybulletModel(ModelUnderTest):
         self._settings_before = self.bullet.getPhysicsEngineParameters()
         self._pose_before = {}
         self._bases_before = []
+        self._copy: CopyOfWorld | None = None
         # The user's own client gets back what it had.
         if not world.disconnect:
             self._pose_before = joint_states(self.bullet)
@@ -203,6 +213,10 @@ class PybulletModel(ModelUnderTest):
         return _Placed(
             place=self.place,
             law=None if self.world.files else self._plugin_law(),
+            # A plug-in, and what a user's function made, keep what nobody puts back.
+            is_put_back_whole=bool(self.world.files)
+            and can_fork(self.bullet)
+            and keeps_nothing(self.bullet),
             promise=promise_in(self.bullet, self.place),
             timestep=float(self.bullet.getPhysicsEngineParameters()["fixedTimeStep"]),
             gravity=gravity,
@@ -211,6 +225,7 @@ class PybulletModel(ModelUnderTest):
     def _take(self, placed: _Placed) -> None:
         self.place = placed.place
         self.law = placed.law
+        self._is_put_back_whole = placed.is_put_back_whole
         self.promise = placed.promise
         self.timestep = placed.timestep
         self.gravity = placed.gravity
@@ -277,7 +292,20 @@ class PybulletModel(ModelUnderTest):
                     "PyBullet does not report its friction"
                 )
                 raise UserError("launch", got, "launches along the normal")
-        return release_aside(self.bullet, lambda: self._launched(launch, law_number))
+        if self._is_put_back_whole:
+            self._copy = self._copy or CopyOfWorld(
+                self.bullet, lambda each: self._launched(each, None), self._make_fixes
+            )
+            return self._copy.release(launch)
+
+        def released() -> Simulation:
+            self._make_fixes()
+            return self._launched(launch, law_number)
+
+        return release_aside(self.bullet, released)
+
+    def _make_fixes(self) -> None:
+        """Make what is not made in the world itself, in a copy of it: nothing."""
 
     def _launched(self, launch: Launch, law: int | None) -> Simulation:
         """A launch in the world itself, which it changes. law: number of the plug-in's, or None."""
@@ -425,7 +453,13 @@ class PybulletModel(ModelUnderTest):
 
     def close(self) -> None:
         """Remove everything that hcbench added, and restore the user's world."""
+        self._end_copy()
         self._put_back()
+
+    def _end_copy(self) -> None:
+        if self._copy is not None:
+            self._copy.close()
+            self._copy = None
 
 
 class _FixedInForks(PybulletModel):
@@ -439,6 +473,7 @@ class _FixedInForks(PybulletModel):
         """Bring the pair to touch with the fixes made; errors are those of `PybulletModel`."""
         # Its world, its request and its parts.
         self.__dict__.update(model.__dict__)
+        self._copy = None
         self._fixes = [*getattr(model, "_fixes", ()), *fixes]
         self._take(self._with_fixes(self._placed))
 
@@ -460,10 +495,6 @@ class _FixedInForks(PybulletModel):
             if fix.apply is not None:
                 fix.apply(self.bullet)
 
-    def _launched(self, launch: Launch, law: int | None) -> Simulation:
-        self._make_fixes()
-        return super()._launched(launch, law)
-
     def facts(self) -> Facts:
         """Properties of the world and of its pair with the fixes made."""
         return self._with_fixes(super().facts)
@@ -481,7 +512,8 @@ class _FixedInForks(PybulletModel):
         return _FixedInForks(self, suspects)
 
     def close(self) -> None:
-        """Nothing: the world is that of the model, which closes it."""
+        """End what this has of its own: the world is that of the model, which closes it."""
+        self._end_copy()
 
 
 def open_world(source: Any, request: Request, rebuild: Callable[[], Any] | None) -> PybulletModel:
