@@ -466,24 +466,45 @@ static void warn_of_depth(const mjModel* m, const blow* all, int count, instance
   }
 }
 
+static void warn_of_one_sunk(const mjModel* m, const mjData* d, const blow* b, int starts) {
+  int side = m->body_treeid[b->body[1]] >= 0;
+  char name[2][NAME];
+  describe(m, mjOBJ_BODY, b->body[side], name[0]);
+  describe(m, mjOBJ_BODY, b->body[!side], name[1]);
+  if (starts) {
+    mju_warning("plugin %s: body %s starts %.3g mm inside body %s, and may stay so, as a law does not lift it; MuJoCo's own contact "
+                "would: start it outside", RESTITUTION_NAME, name[0], 1e3 * b->x, name[1]);
+  } else {
+    mju_warning("plugin %s: body %s stands %.2g mm deep in body %s at %g s, more than %g mm deeper than on MuJoCo's own contact: set a "
+                "finer timestep than %g s, or let nothing crush it", RESTITUTION_NAME, name[0], 1e3 * b->x, name[1], d->time,
+                1e3 * HCB_DEEPER, m->opt.timestep);
+  }
+}
+
 /* Names once a body that stands deeper than MuJoCo's own contact would let it: after an approach u about a third of u in its time
-   constant, at rest about g times the square of a third of that. A state that does not follow the last one may be as deep as it is. */
+   constant, at rest about g times the square of a third of that. A state that does not follow the last one may be as deep as it is:
+   what is as deep a step later has started inside, and MuJoCo's own contact would lift it, by energy that a law does not have. */
 static void warn_of_sunk(const mjModel* m, const mjData* d, const blow* all, int count, instance* memory) {
   double h = m->opt.timestep, gravity = mju_norm3(m->opt.gravity);
   int follows = memory->seen == d->time || is_next(m, d, memory);
-  for (int i = 0; i < count && !(memory->warned & WARNED_SUNK); i++) {
+  const blow* deepest[2] = {NULL, NULL}; /* that sank, and that started inside */
+  for (int i = 0; i < count; i++) {
     const blow* b = all + i;
     if (b->tendon >= 0) continue;
-    double *lets = &instance_of(d, b->instance)->lets, least = m->opt.disableflags & mjDSBL_REFSAFE ? 0 : 2 * h;
+    instance* own = instance_of(d, b->instance);
+    double least = m->opt.disableflags & mjDSBL_REFSAFE ? 0 : 2 * h;
     double third = HCB_COARSE_FREE * (b->constant > 0 ? fmax(b->constant, least) : 1 / sqrt(fmax(-b->constant, mjMINVAL)));
-    *lets = larger(*lets, larger(-b->rate[0] * third, follows ? 0 : b->x));
-    if (!(b->x > larger(*lets, gravity * third * third) + HCB_DEEPER)) continue;
-    int side = m->body_treeid[b->body[1]] >= 0;
-    const char* name = mj_id2name(m, mjOBJ_BODY, b->body[side]);
-    memory->warned |= WARNED_SUNK;
-    mju_warning("plugin %s: body %d \"%s\" stands %.2g mm deep at %g s, more than %g mm deeper than on MuJoCo's own contact: set a finer "
-                "timestep than %g s, or let nothing crush it", RESTITUTION_NAME, b->body[side], name ? name : "", 1e3 * b->x, d->time,
-                1e3 * HCB_DEEPER, h);
+    own->lets = larger(own->lets, follows ? -b->rate[0] * third : fabs(b->rate[0]) * fmax(third, h));
+    own->starts_in = larger(own->starts_in, follows ? 0 : b->x);
+    if (!follows || !(b->x > larger(own->lets, gravity * third * third) + HCB_DEEPER)) continue;
+    const blow** one = deepest + (b->x <= own->starts_in + HCB_DEEPER);
+    if (!*one || b->x > (*one)->x) *one = b;
+  }
+  for (int starts = 0; starts < 2; starts++) {
+    int kind = starts ? WARNED_INSIDE : WARNED_SUNK;
+    if (!deepest[starts] || memory->warned & kind) continue;
+    memory->warned |= kind;
+    warn_of_one_sunk(m, d, deepest[starts], starts);
   }
 }
 
