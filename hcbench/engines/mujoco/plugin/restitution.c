@@ -332,12 +332,11 @@ static int furthest_joint(const mjModel* m, const mjData* d, const double* veloc
    there are any. In them a step's Coriolis and centrifugal forces change the velocities, in the norm of kinetic energy, by
    more than that share, less what the tree has as a whole; those of bodies that equalities hold are in the equalities, so
    there the angle stands for it. A wheel may turn as fast as it likes. */
-static int find_wild(const mjModel* m, mjData* d, instance* memory, const double* impulse) {
+static int find_wild(const mjModel* m, mjData* d, instance* memory, const double* change) {
   int nv = m->nv, found = 0;
   mj_markStack(d);
   double *after = stack(d, nv), *momentum = stack(d, nv), *force = stack(d, nv), *acceleration_ = stack(d, nv);
-  mj_solveM(m, d, after, impulse, 1);
-  mju_addTo(after, d->qvel, nv);
+  mju_add(after, d->qvel, change, nv);
   if (furthest_joint(m, d, after, -1) >= 0) {
     double* still = momentum;
     mju_copy(acceleration_, d->qvel, nv);
@@ -352,15 +351,15 @@ static int find_wild(const mjModel* m, mjData* d, instance* memory, const double
     mj_solveM(m, d, acceleration_, force, 1);
     for (int tree = 0; tree < m->ntree; tree++) {
       int joint = furthest_joint(m, d, after, tree);
-      double before = 0, change = 0, share = HCB_FAST / m->opt.timestep;
+      double before = 0, bends = 0, share = HCB_FAST / m->opt.timestep;
       for (int k = 0; k < nv; k++) {
         if (m->dof_treeid[k] != tree) continue;
         before += momentum[k] * after[k];
-        change += force[k] * acceleration_[k];
+        bends += force[k] * acceleration_[k];
         if (m->jnt_type[m->dof_jntid[k]] != mjJNT_FREE || k - m->jnt_dofadr[m->dof_jntid[k]] >= 3) continue;
         before -= momentum[k] * momentum[k] / m->body_subtreemass[m->dof_bodyid[k]]; /* of the tree as a whole */
       }
-      if (memory->wild[tree] || joint < 0 || (d->ne == 0 && change <= share * share * before)) continue;
+      if (memory->wild[tree] || joint < 0 || (d->ne == 0 && bends <= share * share * before)) continue;
       memory->wild[tree] = found = 1;
       warn_of_turn(m, memory, m->jnt_bodyid[joint], turn_of(m, after, joint), 1);
     }
@@ -516,15 +515,17 @@ static int is_sound(const double* x, int n) {
   return 1;
 }
 
-/* Impulses of contacts that touch, without trees that they would let turn too fast; how many contacts are left. */
-static int collide_tame(const mjModel* m, mjData* d, int first, blow* all, int count, double* impulse) {
+/* Impulses of contacts that touch, without trees that they would let turn too fast, and in `change` what they change the velocities
+   by; how many contacts are left. */
+static int collide_tame(const mjModel* m, mjData* d, int first, blow* all, int count, double* impulse, double* change) {
   instance* memory = instance_of(d, first);
   double* gravity = stack(d, m->nv);
   int any = gravity_force(m, d, gravity);
   for (int wild = 1; wild;) {
     mju_zero(impulse, m->nv);
     collide(m, d, first, all, count, impulse, any ? gravity : NULL);
-    wild = !memory->is_again && find_wild(m, d, memory, impulse);
+    mj_solveM(m, d, change, impulse, 1);
+    wild = !memory->is_again && find_wild(m, d, memory, change);
     count = leave_out_wild(m, memory, all, count);
   }
   return count;
@@ -535,14 +536,14 @@ static int collide_tame(const mjModel* m, mjData* d, int first, blow* all, int c
 static int add_impulses(const mjModel* m, mjData* d, int first, int stage, blow* all, int count) {
   instance* memory = instance_of(d, first);
   int nv = m->nv;
-  double *impulse = stage ? memory->impulse : stack(d, nv), *without = stack(d, nv);
+  double *impulse = stage ? memory->impulse : stack(d, nv), *without = stack(d, nv), *change = stack(d, nv);
   mju_copy(without, d->qfrc_passive, nv);
-  count = collide_tame(m, d, first, all, count, impulse);
+  count = collide_tame(m, d, first, all, count, impulse, change);
   int sound = is_sound(impulse, nv);
   if (sound) {
     mju_addToScl(d->qfrc_passive, impulse, 1 / m->opt.timestep, nv);
-    shift_bias(m, d, impulse, 1, d->qfrc_passive);
-    if (!stage) shift_velocity_forces(m, d, impulse, d->qfrc_passive);
+    shift_bias(m, d, impulse, change, d->qfrc_passive);
+    if (!stage) shift_velocity_forces(m, d, change, d->qfrc_passive);
   }
   if (!sound || !is_sound(d->qfrc_passive, nv)) {
     mju_zero(impulse, nv);
@@ -554,8 +555,8 @@ static int add_impulses(const mjModel* m, mjData* d, int first, int stage, blow*
     memory->warned |= WARNED_UNSOUND;
     return 0;
   }
-  if (stage) start_again(m, d, memory, impulse); /* RK4 has the velocities after the impulse in all its rows then */
-  if (!stage) shift_own_contacts(m, d, impulse, all, count);
+  if (stage) start_again(m, d, memory, change); /* RK4 has the velocities after the impulse in all its rows then */
+  if (!stage) shift_own_contacts(m, d, change, all, count);
   return count;
 }
 
@@ -602,7 +603,12 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
   } else {
     count = leave_out_wild(m, memory, all, count);
     for (int j = 0; j < nv; j++) d->qfrc_passive[j] += memory->impulse[j] / h;
-    shift_bias(m, d, memory->impulse, stage == 4 ? 0 : 0.5, d->qfrc_passive);
+    if (stage < 4) { /* which has half of the change in its velocities */
+      double* change = stack(d, nv);
+      mj_solveM(m, d, change, memory->impulse, 1);
+      mju_scl(change, change, 0.5, nv);
+      shift_bias(m, d, memory->impulse, change, d->qfrc_passive);
+    }
   }
   int loaded = is_loaded(m, d);
   for (int i = 0; i < count; i++) {
