@@ -319,7 +319,7 @@ def simulate(made: Made, seconds: float, native: bool = False) -> Seen:
 
 
 def deeper(made: Made, seen: Seen, native: Seen) -> float:
-    """By how much, m, bodies go deeper than with native contact; NaN where a state was.
+    """Depth, m, beyond that with native contact, 0 for less; NaN where a state was.
 
     What bounces comes faster than on native contact, which stops it, or from elsewhere. So native
     contact also goes on from where the two that went in deepest met.

@@ -132,6 +132,17 @@ static int gather(const mjModel* m, mjData* d, int first, blow* all) {
 
 #include "starts.c"
 
+/* The forces of gravity and of springs, which change by the place alone, so that flight keeps their energy; whether there are any.
+   Impacts keep it where they know of them: one against a spring that is not known of would gain energy at coarse steps. */
+static int force_in_flight(const mjModel* m, const mjData* d, double* force) {
+  int any = gravity_force(m, d, force);
+  for (int j = 0; j < m->nv; j++) {
+    force[j] += d->qfrc_spring[j];
+    any |= d->qfrc_spring[j] != 0;
+  }
+  return any;
+}
+
 /* The rows of a contact, and in u its rates without what its velocities and those of the equalities it meets differ by. */
 static hcb_rows rows_of(const mjModel* m, mjData* d, const tree_parts* t, const blow* b, double* u) {
   hcb_rows r = {.part = {-1, -1}};
@@ -161,9 +172,9 @@ static hcb_rows rows_of(const mjModel* m, mjData* d, const tree_parts* t, const 
   return r;
 }
 
-/* Contacts that touch, as what impacts.c works on; `of`: which of all, `u`: rates, `gains`: what gravity adds to them in
+/* Contacts that touch, as what impacts.c works on; `of`: which of all, `u`: rates, `gains`: what gravity and springs add to them in
    the step, `calm`: the speed that counts as rest. */
-static hcb_system make_system(const mjModel* m, mjData* d, const tree_parts* t, blow** of, int n, const double* gravity,
+static hcb_system make_system(const mjModel* m, mjData* d, const tree_parts* t, blow** of, int n, const double* falls,
                               double* u, double* gains, double* calm) {
   double h = m->opt.timestep;
   hcb_rows* rows = mj_stackAllocByte(d, (n + 1) * sizeof(hcb_rows), sizeof(double));
@@ -172,7 +183,7 @@ static hcb_system make_system(const mjModel* m, mjData* d, const tree_parts* t, 
     rows[i] = rows_of(m, d, t, of[i], u + 3 * i);
     c[i] = of[i]->law;
     memset(gains + 3 * i, 0, 3 * sizeof(double));
-    if (gravity) along_rows(t, rows[i].part, rows[i].B, gravity, gains + 3 * i);
+    if (falls) along_rows(t, rows[i].part, rows[i].B, falls, gains + 3 * i);
     for (int k = 0; k < 3; k++) gains[3 * i + k] *= h;
     double gained = -gains[3 * i];
     if (of[i]->tendon >= 0) c[i].still += HCB_STILL * fmax(0, gained);
@@ -214,8 +225,8 @@ static void add_turning(const mjModel* m, mjData* d, blow** of, int n, const dou
 }
 
 /* Impacts of contacts that touch, into `impulse`; which of them rest then, and slip how fast. impulse: NULL where none collides;
-   gravity: NULL without. */
-static void collide(const mjModel* m, mjData* d, int first, blow* all, int count, double* impulse, const double* gravity) {
+   falls: force_in_flight, NULL without. */
+static void collide(const mjModel* m, mjData* d, int first, blow* all, int count, double* impulse, const double* falls) {
   int n = 0;
   mj_markStack(d);
   blow** of = mj_stackAllocByte(d, (count + 1) * sizeof(blow*), sizeof(double));
@@ -226,7 +237,7 @@ static void collide(const mjModel* m, mjData* d, int first, blow* all, int count
   factor_held(m, d, &t);
   size_t rows = 3 * (size_t)n;
   double *u = stack(d, 4 * rows + n), *p = u + rows, *gains = p + rows, *slip = gains + rows, *calm = slip + rows;
-  hcb_system s = make_system(m, d, &t, of, n, gravity, u, gains, calm);
+  hcb_system s = make_system(m, d, &t, of, n, falls, u, gains, calm);
   double* work = stack(d, hcb_impacts_work(n, t.parts, m->nv));
   double within = m->opt.integrator == mjINT_RK4 ? 0 : 0.5; /* of the step, where impacts are (hcb_under_gravity) */
   for (size_t i = 0; i < rows; i++) u[i] += within * gains[i];
@@ -519,11 +530,11 @@ static int is_sound(const double* x, int n) {
    by; how many contacts are left. */
 static int collide_tame(const mjModel* m, mjData* d, int first, blow* all, int count, double* impulse, double* change) {
   instance* memory = instance_of(d, first);
-  double* gravity = stack(d, m->nv);
-  int any = gravity_force(m, d, gravity);
+  double* falls = stack(d, m->nv);
+  int any = force_in_flight(m, d, falls);
   for (int wild = 1; wild;) {
     mju_zero(impulse, m->nv);
-    collide(m, d, first, all, count, impulse, any ? gravity : NULL);
+    collide(m, d, first, all, count, impulse, any ? falls : NULL);
     mj_solveM(m, d, change, impulse, 1);
     wild = !memory->is_again && find_wild(m, d, memory, change);
     count = leave_out_wild(m, memory, all, count);
@@ -597,8 +608,8 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
     if (collides) {
       count = add_impulses(m, d, first, stage, all, count);
     } else if (slides) {
-      double* gravity = stack(d, nv);
-      collide(m, d, first, all, count, NULL, gravity_force(m, d, gravity) ? gravity : NULL);
+      double* falls = stack(d, nv);
+      collide(m, d, first, all, count, NULL, force_in_flight(m, d, falls) ? falls : NULL);
     }
   } else {
     count = leave_out_wild(m, memory, all, count);
