@@ -76,6 +76,22 @@ def test_an_elastic_ball_on_a_spring_keeps_its_energy(at: float, integrator: str
     assert seen.gain < 1e-9
 
 
+def test_a_servo_without_damping_that_draws_an_elastic_ball_off_gains_what_the_page_says() -> None:
+    """Impacts know of springs, not of servos, which act after them within the step."""
+    servo = """<actuator><general joint="j" gainprm="20" biastype="affine" biasprm="0 -200 0"/>
+      </actuator></mujoco>"""
+    text = SLINGSHOT.format(at=0.1, integrator="Euler").replace(
+        'timestep=".005"', 'timestep=".002"'
+    )
+    text = text.replace('stiffness="200"', 'name="j"').replace("</mujoco>", servo)
+    spec = mujoco.MjSpec.from_string(text)
+    native, start = spec.compile(), np.full(1, -8.0)
+    native.actuator_gainprm[0, 0] /= 0.3  # the control of simulate
+    model = plugged(spec, [("a", "floor")], ELASTIC)
+    model.actuator_gainprm[0, 0] /= 0.3
+    assert 0.15 < simulate(Made(model, native, start, False), 2.0).gain < 0.25
+
+
 def test_a_geared_slide_bounces_with_the_mass_of_both() -> None:
     spec = world(1e-3, gravity=0.0)
     for name, x in (("a", 0.0), ("c", 0.3)):
