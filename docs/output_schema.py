@@ -285,7 +285,7 @@ CHANGE = record(
         "before": LANDED,
         "after": LANDED,
         "worse": Texts,
-        "largest": record("LargestRebound", {"rebound_m": Number, "stiffer": list[STIFFER]}) | None,
+        "reach": record("Reach", {"rebound_m": Number, "stiffer": list[STIFFER]}) | None,
         "advice": Texts,
     },
 )

@@ -504,8 +504,9 @@ class DropTest(LandingQuantities):
 class Reach:
     """Limits of the rebound that a contact of the feet can give a robot.
 
-    rebound: the largest of the settings that were tried and do not land worse, m. stiffer: (factor
-    of the servos' kp, largest rebound with it at the touch, m), in order; () where none was needed.
+    rebound: the nearest to the target, m, of the model as it is and the settings that were tried and
+    do not land worse. stiffer: (factor of the servos' kp, largest rebound with it at the touch, m),
+    in order; () where none was needed.
     """
 
     rebound: float
@@ -516,13 +517,13 @@ class Reach:
 class ReboundSettings:
     """Settings that an engine finds for a rebound, each computed when it is asked for.
 
-    meeting: settings that have it in some drops, the most promising first. highest: settings with
-    the largest rebounds, the largest first. stiffer: see `Reach`.
+    meeting: settings that have it in some drops, the most promising first. nearest: settings whose
+    rebounds are nearest to it, the nearest first. stiffer: see `Reach`.
     advice: sentences on options of the model that spoil every landing.
     """
 
     meeting: Iterable[ModelSetting]
-    highest: Iterable[ModelSetting]
+    nearest: Iterable[ModelSetting]
     stiffer: Callable[[], tuple[tuple[float, float], ...]]
     advice: tuple[str, ...] = ()
 

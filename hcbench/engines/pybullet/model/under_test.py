@@ -30,6 +30,7 @@ from hcbench.engines.pybullet.model.causes import (
     restitutions,
     speed_of_hops,
     what_distorts,
+    without_spring,
 )
 from hcbench.engines.pybullet.model.in_child import Answer, can_fork, release_aside, run_aside
 from hcbench.engines.pybullet.model.landing import land
@@ -582,7 +583,8 @@ def model_settings(
     e = goal.best_constant(min(requests[0].speeds), max(requests[0].speeds))
     still = 0.0
     slowest = math.inf
-    places: list[BulletPlacement] = []
+    # Each with what ends a spring of its parts.
+    places: list[tuple[BulletPlacement, list[dict[str, float]]]] = []
     # 0 or 1, by (body, link).
     side_of: dict[tuple[int, int], int] = {}
     for i, request in enumerate(requests):
@@ -591,8 +593,9 @@ def model_settings(
             still = max(still, speed_of_hops(step, gravity))
             touching = [each.touch_speed(step, gravity) for each in request.launches()]
             slowest = min(slowest, *touching)
-            places.append(model.place)
-            for side, part in enumerate((model.place.first, model.place.second)):
+            parts = (model.place.first, model.place.second)
+            places.append((model.place, [without_spring(model.bullet, part) for part in parts]))
+            for side, part in enumerate(parts):
                 if side_of.setdefault((part.body, part.link), side) != side:
                     got = f"{part.name!r} is the first of one pair and the second of another"
                     advice = "Restitutions multiply: tune one pair after the other"
@@ -607,7 +610,7 @@ def model_settings(
 
 
 def _restitution(
-    places: Sequence[BulletPlacement],
+    places: Sequence[tuple[BulletPlacement, list[dict[str, float]]]],
     e: float,
     still: float,
     build: Callable[[], LoadedWorld],
@@ -615,9 +618,9 @@ def _restitution(
 ) -> ModelSetting:
     """The setting with one restitution, and a speed, m/s, below which nothing bounces.
 
-    build: makes the world. more: notes on it.
+    places: each with what ends a spring of its parts. build: makes the world. more: notes on it.
     """
-    suspects = [restitution_setting(place, e, still) for place in places]
+    suspects = [restitution_setting(place, springless, e, still) for place, springless in places]
     # Each line once, in order.
     lines: dict[str, None] = {}
     for suspect in suspects:
