@@ -20,7 +20,6 @@ from hcbench.engines.pybullet.backend import (
 from hcbench.engines.pybullet.model.bodies import (
     FIXED,
     JOINT_TYPE,
-    LINK_NAME,
     mass_and_volumes,
 )
 from hcbench.engines.pybullet.model.in_child import can_fork, run_aside
@@ -37,7 +36,6 @@ from hcbench.sim.landing import (
 )
 from hcbench.sim.touch import travel_by_distance
 from hcbench.system.errors import EngineFailed, UserError
-from hcbench.system.text import sanitized
 from hcbench.terms import units
 
 if TYPE_CHECKING:
@@ -83,7 +81,7 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
 
     def described() -> Landings:
         bench, _, words = prepared()
-        floors = ", ".join(_body_name(world, floor) for floor in bench.floors)
+        floors = ", ".join(world.name_of(floor) for floor in bench.floors)
         start = ", ".join(["the pose of the world", *(joint for joint, _ in request.pose)])
         notes = unit_notes(bench.name, *mass_and_volumes(bullet, bench.robot))
         return Landings(
@@ -135,6 +133,7 @@ class _DropBench:
     """
 
     def __init__(self, world: LoadedWorld) -> None:
+        self._world = world
         bullet = self.bullet = world.bullet
         masses = {body: bullet.getDynamicsInfo(body, -1)[0] for body in bullet.bodies()}
         free = [body for body, mass in masses.items() if mass > 0.0]
@@ -146,7 +145,7 @@ class _DropBench:
             got = f"{world.label}: nothing is fixed"
             raise UserError("model", got, "a floor, such as plane.urdf", "Give it as a second file")
         self.robot = max(free, key=lambda body: (bullet.getNumJoints(body), masses[body]))
-        self.name = _body_name(world, self.robot)
+        self.name = world.name_of(self.robot)
         self.links = list(range(bullet.getNumJoints(self.robot)))
         # Of the links, and of the base at the end.
         self.masses: Floats = np.array(
@@ -244,7 +243,9 @@ class _DropBench:
         pushed: Floats = np.array(forces)
         speed_out = take_off_speed(pushed, np.array(rising), self.h)
         time: Floats = np.arange(len(forces), dtype=np.float64) * self.h
-        fallen = tuple(log.footfall(self._link_name(link)) for link, log in feet.items())
+        fallen = tuple(
+            log.footfall(self._world.name_of(self.robot, link)) for link, log in feet.items()
+        )
         weight = self.mass * self.g
         return Landing(height, tilt, -rising[0], speed_out, weight, fallen, time, pushed)
 
@@ -275,17 +276,6 @@ class _DropBench:
             slip = float(force @ slide / force.sum())
             feet[link].add(time, self.h, float(force.sum()), slip, float(depth.max()))
         return upward
-
-    def _link_name(self, link: int) -> str:
-        if link < 0:
-            return self.name
-        name = self.bullet.getJointInfo(self.robot, link)[LINK_NAME]
-        return sanitized(name.decode(errors="replace"))
-
-
-def _body_name(world: LoadedWorld, body: int) -> str:
-    """Name of a body: its file's, or its number."""
-    return world.files.get(body, f"body:{body}")
 
 
 def _drive_of(controller: Any, bench: _DropBench) -> tuple[Callable[[], None], str]:

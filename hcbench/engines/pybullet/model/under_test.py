@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -41,6 +41,7 @@ from hcbench.engines.pybullet.model.place import place
 from hcbench.engines.pybullet.model.promises import broken_promise, promise_in
 from hcbench.engines.pybullet.model.simulation import LaunchInUserWorld, pair_friction
 from hcbench.engines.pybullet.model.start_pose import base_states, joint_states, set_pose
+from hcbench.engines.pybullet.model.touchdowns import touchdowns
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.density import unit_notes
 from hcbench.sim.model_under_test import (
@@ -67,6 +68,8 @@ if TYPE_CHECKING:
     from hcbench.sim.loads import Carried
     from hcbench.sim.promise import Promise
     from hcbench.sim.rest import Standing
+    from hcbench.sim.touch import TrajectoryTouchdowns
+    from hcbench.terms.impact import Floats
 
 # Refuses a world whose numbers no bouncing body has, as PyBullet read them.
 
@@ -204,7 +207,7 @@ class PybulletModel(ModelUnderTest):
         return _Placed(
             place=self.place,
             law=None if self.world.files else self._plugin_law(),
-            promise=promise_in(self.bullet, self.place),
+            promise=promise_in(self.bullet, (self.place.first, self.place.second)),
             timestep=float(self.bullet.getPhysicsEngineParameters()["fixedTimeStep"]),
             gravity=gravity,
         )
@@ -522,6 +525,22 @@ def land_in(
     world, _ = _loaded(source, rebuild, request.packages)
     try:
         return land(world, request, drops)
+    finally:
+        if world.disconnect:
+            world.bullet.disconnect()
+
+
+def touchdowns_in(
+    source: Any, request: Request, recorded: Mapping[str, Floats]
+) -> TrajectoryTouchdowns:
+    """Touchdowns in a recorded motion of a world, see `touchdowns.touchdowns`; the world stays as it
+    is.
+
+    Raises SceneError for files that do not load, and the errors of `touchdowns`.
+    """
+    world, _ = _loaded(source, None, request.packages)
+    try:
+        return run_aside(world.bullet, lambda: touchdowns(world, request, recorded))
     finally:
         if world.disconnect:
             world.bullet.disconnect()
