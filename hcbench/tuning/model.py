@@ -323,11 +323,16 @@ def _best(
             if tried.landing is not None and tried.landing.worse:
                 others.append(tried)
                 continue
+        is_own = tried.setting.name == AS_IT_IS
+        if is_own and tried.error > enough:
+            # More launches, which cost as much as a search, find no smaller error.
+            others.append(tried)
+            break
         judged = _bouncing(tried, each, wanted)
         if judged is None:
             continue
         assert judged.pairs is not None
-        if largest_error(judged.pairs) <= (enough if judged.setting.name == AS_IT_IS else limit):
+        if largest_error(judged.pairs) <= (enough if is_own else limit):
             return judged
         others.append(judged)
         break

@@ -67,7 +67,7 @@ class _Moving:
 
     @property
     def widths(self) -> tuple[int, int]:
-        """How many numbers a state has of it: positions, and velocities."""
+        """Numbers that a state has of it: count of positions, and of velocities."""
         base = (_BASE_Q, _BASE_V) if self.is_free else (0, 0)
         return base[0] + len(self.joints), base[1] + len(self.joints)
 
