@@ -425,6 +425,7 @@ DROPPED = record(
     "RobotDrop",
     {
         **of_fields(*LANDING, records.LANDING_SPEED_OUT),
+        "other_phases": list[record("OtherPhase", of_fields(*LANDING))],
         "feet": list[of_class(Footfall)],
         **of_fields(records.LANDING_TIME, records.LANDING_FORCE),
     },

@@ -87,6 +87,14 @@ def test_a_landing_is_that_of_a_plain_loop(files: list[str]) -> None:
     assert landings.drops[1].peak > landings.drops[0].peak
 
 
+def test_a_landing_has_the_drops_that_touch_later_in_a_step(files: list[str]) -> None:
+    drop = hb.land(files, heights=0.05, gravity=G).drops[0]
+    more = 0.5 / 240.0 * (2.0 * G * 0.05) ** 0.5
+    same = hb.land(files, heights=0.05 + more, gravity=G).drops[0]
+    assert drop.others[1].peak == pytest.approx(same.peak, rel=1e-6)
+    assert drop.over_phases("peak")[1] > drop.over_phases("peak")[0]
+
+
 def test_gains_a_function_and_the_worlds_motors_hold_the_joints(files: list[str]) -> None:
     called = []
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -33,6 +34,8 @@ from hcbench.sim.landing import (
     Landing,
     Landings,
     latest_touch,
+    over_phases,
+    raised_for,
     take_off_speed,
 )
 from hcbench.sim.model_under_test import Request
@@ -54,7 +57,10 @@ def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) 
         bench = _Bench(model, start)
         robot = bench.over_floor
         drive, controller = drive_of(drops.controller, model, start, robot.root)
-        landings = [bench.landing(h, tilt, drive) for h in drops.heights for tilt in drops.tilts]
+        landings = []
+        for height, tilt in itertools.product(drops.heights, drops.tilts):
+            landing_at = functools.partial(bench.landing, height, tilt, drive)
+            landings.append(over_phases(landing_at))
     return Landings(
         engine="mujoco",
         version=backend().__version__,
@@ -182,11 +188,12 @@ class _Bench:
         pairs = itertools.product(geoms, floors)
         return {pair for pair in pairs if restitution_law(self.model, pair) is not None}
 
-    def landing(self, height: float, tilt: float, drive: Drive) -> Landing:
+    def landing(self, height: float, tilt: float, drive: Drive, phase: float) -> Landing:
         """Drop the robot once, and read how it lands.
 
         height: of its lowest point over the floor, m. tilt: by which its base is turned about the
-        world's y, rad. drive: sets the controls before each step.
+        world's y, rad. drive: sets the controls before each step. phase: place of the touch in a
+        step.
         Raises UserError where nothing is below the robot, or it meets nothing; EngineFailed where
         MuJoCo finds the state unstable.
         """
@@ -195,7 +202,8 @@ class _Bench:
         turn_base(data, self._address, turn)
         up = self.over_floor.up
         to_touch = self.over_floor.way_up(data, self._address, up)
-        data.qpos[self._address : self._address + 3] += up * (height + to_touch)
+        more = raised_for(phase, height, self.over_floor.gravity, self.timestep)
+        data.qpos[self._address : self._address + 3] += up * (height + to_touch + more)
         backend().mj_forward(self.model, data)
         forget_resets(data)
         fall = self._fall(data, height, drive)

@@ -32,6 +32,8 @@ from hcbench.sim.landing import (
     Landing,
     Landings,
     latest_touch,
+    over_phases,
+    raised_for,
     take_off_speed,
 )
 from hcbench.sim.touch import travel_by_distance
@@ -99,12 +101,15 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
             tuple(notes),
         )
 
-    def dropped(height: float, tilt: float) -> Landing:
-        bench, drive, _ = prepared()
-        return bench.landing(height, tilt, drive)
+    def dropped(height: float, tilt: float, phase: float) -> Landing:
+        def landing() -> Landing:
+            bench, drive, _ = prepared()
+            return bench.landing(height, tilt, drive, phase)
+
+        return run_aside(bullet, landing)
 
     landings = [
-        run_aside(bullet, partial(dropped, height, tilt))
+        over_phases(partial(dropped, height, tilt))
         for height in drops.heights
         for tilt in drops.tilts
     ]
@@ -181,8 +186,13 @@ class _DropBench:
         """Speed of the centre of mass upwards, m/s."""
         return float(self.masses @ motion.velocities @ self.up) / self.mass
 
-    def landing(self, height: float, tilt: float, drive: Callable[[], None]) -> Landing:
-        """One drop from a height (m) over the touch, the base turned by a tilt (rad) about y."""
+    def landing(
+        self, height: float, tilt: float, drive: Callable[[], None], phase: float
+    ) -> Landing:
+        """One drop from a height (m) over the touch, the base turned by a tilt (rad) about y.
+
+        phase: place of the touch in a step.
+        """
         bullet = self.bullet
         position, attitude = bullet.getBasePositionAndOrientation(self.robot)
         turn = [0.0, math.sin(tilt / 2), 0.0, math.cos(tilt / 2)]
@@ -202,7 +212,8 @@ class _DropBench:
                 raise UserError("model", got, "a floor", "Give it as a second file")
             return float(min(point[DISTANCE] for point in points))
 
-        lower(travel_by_distance(distance, 1.0) - height)
+        more = raised_for(phase, height, self.g, self.h)
+        lower(travel_by_distance(distance, 1.0) - height - more)
         bullet.resetBaseVelocity(self.robot, [0, 0, 0], [0, 0, 0])
         return self._fall(height, tilt, drive)
 
