@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 # Whole tests of settings that have the rebound, and of those that come nearest, at most.
 _JUDGED = 6
-_NEAREST = 4
+_NEAREST = 6
 
 
 @dataclass(frozen=True, slots=True)

@@ -170,7 +170,7 @@ _IMPRATIOS = (0.0, 10.0)
 # Drops by which a contact is first judged whole, of a robot that stands.
 _FIRST = (DROPS[-1], DROPS[len(DROPS) // 2])
 _SETTINGS_MAX = 12
-_NEAREST_MAX = 24
+_NEAREST_MAX = 8
 # Factors of the servos' kp, with their square roots of kd, by which more is tried.
 _STIFFER = (2.0, 4.0, 8.0, 16.0)
 # Fewer iterations of the solver do not hold a foot.
@@ -222,12 +222,27 @@ class ReboundSearch:
                     yield varied
 
     def nearest_contacts(self) -> Iterator[FootContact]:
-        """Contacts that are not worse in short drops, the rebound nearest to the target first."""
-        every = itertools.chain.from_iterable(self._grid())
-        feasible = sorted(self._feasible(every), key=lambda contact: abs(self._misses(contact)))
-        for contact in feasible[:_NEAREST_MAX]:
+        """Contacts that are not worse in short drops and the first long ones: of each frequency, and of
+        those between, the one whose rebound is nearest to the target; the nearest first.
+        """
+        rows = self._grid()
+        rows += [self._row(math.sqrt(w * v)) for w, v in itertools.pairwise(self._frequencies())]
+        nearest = [one for row in rows if (one := self._nearest_of(row)) is not None]
+        refined = map(self._still_nearer, sorted(nearest, key=self._miss)[:_NEAREST_MAX])
+        yield from sorted(refined, key=self._miss)
+
+    def _nearest_of(self, row: Sequence[FootContact]) -> FootContact | None:
+        """The contact to try of one frequency that is nearest to the target and not worse in the drops
+        of `nearest_contacts`; None without one.
+        """
+        for contact in sorted(self._feasible(row), key=self._miss):
             if self._first_drops_are_no_worse(contact):
-                yield from dict.fromkeys([self._still_nearer(contact), contact])
+                return contact
+        return None
+
+    def _miss(self, contact: FootContact) -> float:
+        """Distance of its rebound from the target in short drops, m."""
+        return abs(self._misses(contact))
 
     def _still_nearer(self, contact: FootContact) -> FootContact:
         """The contact with its damping moved towards the next of the grid, on the side of the
@@ -251,7 +266,7 @@ class ReboundSearch:
         """Say whether one contact is nearer to the target in short drops than another, and no worse."""
         if not one.is_kept(self.bench.timestep) or not self._is_no_worse(self._try(one)):
             return False
-        return abs(self._misses(one)) < abs(self._misses(other))
+        return self._miss(one) < self._miss(other)
 
     def stiffer(self) -> tuple[tuple[float, float], ...]:
         """(factor of kp, largest rebound with it, m) of stiffer servos, until the target is in reach."""
@@ -264,16 +279,21 @@ class ReboundSearch:
         frequency w stops a speed v within v/w. MuJoCo does not keep a time constant below two
         steps: such contacts are left out.
         """
+        return list(map(self._row, self._frequencies()))
+
+    def _frequencies(self) -> list[float]:
+        """Frequencies of the contacts to try, rad/s, see `_grid`."""
         h = self.bench.timestep
         deepest = max(1.2 * self.before.depth, self.before.depth + 5e-4)
         speed = math.sqrt(2.0 * self.bench.gravity * REBOUNDS[0].height)
         slowest = min(max(10.0, _SLOWER * speed / deepest), 0.5 * _FASTEST / h)
-        rows = []
-        for frequency in np.geomspace(slowest, _FASTEST / h, _FREQUENCIES).tolist():
-            every = [FootContact(frequency, damping) for damping in reversed(self._dampings)]
-            row = [contact for contact in every if contact.is_kept(h)]
-            rows.append(row)
-        return rows
+        frequencies: list[float] = np.geomspace(slowest, _FASTEST / h, _FREQUENCIES).tolist()
+        return frequencies
+
+    def _row(self, frequency: float) -> list[FootContact]:
+        """Contacts of one frequency to try, see `_grid`."""
+        every = [FootContact(frequency, damping) for damping in reversed(self._dampings)]
+        return [contact for contact in every if contact.is_kept(self.bench.timestep)]
 
     def _feasible(self, contacts: Iterable[FootContact]) -> list[FootContact]:
         """Those that are not worse in short drops."""
