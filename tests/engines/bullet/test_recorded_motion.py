@@ -7,11 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_land_pybullet import FLOOR, ROBOT, BulletClient, p
+from bullet_hopper import FLOOR, ROBOT
 
 import hcbench as hb
 from hcbench.cli import run
 from hcbench.system.errors import UserError
+from hcbench.workers import process
+
+p = pytest.importorskip("pybullet")
+BulletClient = pytest.importorskip("pybullet_utils.bullet_client").BulletClient
+pytestmark = pytest.mark.skipif(not process.CAN_FORK, reason="needs a system that forks")
 
 STEP = 1 / 240
 
