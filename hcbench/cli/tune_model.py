@@ -43,26 +43,28 @@ def tune_model(
         tuned = ask.tune_model(source, alpha=value, max_error=limit, **files, **given)
     of_material = _material_line(given["material"])
     landing = tuned.landing
+    # Nothing is written of a model that needs no setting.
+    written = write_model if tuned.text else None
     if as_json:
         print_json(_record(tuned) | of_material)
     elif landing is not None and landing.rebound is not None:
         print_landing(tuned, landing)
         if tuned.gains:
-            show(f"\nnext:\n  hcbench land {_model(write_model, models)}")
+            show(f"\nnext:\n  hcbench land {_model(written, models)}")
     else:
         for name, line in of_material.items():
             show(f"{name}: {line}")
         _print(tuned, limit)
         if tuned.gains:
             show(
-                f"\nnext:\n  {_next_line(tuned, limit, _tested(tuned, write_model, models), value, given)}"
+                f"\nnext:\n  {_next_line(tuned, limit, _tested(tuned, written, models), value, given)}"
             )
     if landing is not None and (landing.worse or landing.rebound is not None):
         if tuned.gains:
             return
         raise landing_error(tuned, landing)
     if not tuned.gains:
-        raise _nothing_gained(tuned, limit)
+        raise _nothing_gained(tuned)
     if tuned.max_e > MOST_E:
         got = f"e up to {tuned.max_e:.4g} with {tuned.name!r}: it gains energy"
         raise LimitPassed("restitution", got, "1 at most", _cure(tuned))
@@ -123,7 +125,7 @@ def _tested(tuned: TunedModel, written: Path | None, models: tuple[str, ...]) ->
 
     models: the user's own.
     """
-    if written is None and not tuned.written and not is_python(models[0]):
+    if written is None and tuned.text and not tuned.written and not is_python(models[0]):
         return "--python FILE.py:FUNCTION"
     return _model(written, models)
 
@@ -137,16 +139,11 @@ def _model(written: Path | None, models: tuple[str, ...]) -> str:
     return " ".join(map(quote, models))
 
 
-def _nothing_gained(tuned: TunedModel, limit: float) -> LimitPassed:
-    """The error where no setting is better than the model's own.
-
-    limit: largest error of e that passes.
-    """
-    from hcbench.tuning.tuned_model import AS_IT_IS
-
-    stays = tuned.name == AS_IT_IS and tuned.max_error <= limit
-    advice = "" if stays else f" {_cure(tuned)}"
-    return LimitPassed("restitution", tuned.no_gain, "a gain", f"Nothing is written.{advice}")
+def _nothing_gained(tuned: TunedModel) -> LimitPassed:
+    """The error where no setting is better than the model's own."""
+    return LimitPassed(
+        "restitution", tuned.no_gain, "a gain", f"Nothing is written. {_cure(tuned)}"
+    )
 
 
 def _cure(tuned: TunedModel) -> str:
@@ -259,13 +256,16 @@ def _print(tuned: TunedModel, limit: float) -> None:
         for sentence in landing_sentences(tuned.landing):
             show(f"\n{sentence}")
         show("\nThe target is e of a foot alone; --rebound is a target of the whole robot.")
-    if tuned.gains:
+    if tuned.gains and not tuned.text:
+        show("\nThe model as it is has this e already: there is nothing to paste.")
+    elif tuned.gains:
         show("\npaste:\n")
         show_code(tuned.text)
     elif tuned.landing is not None and tuned.landing.worse:
         show("\nthe nearest setting, which is not written:\n")
         show_code(tuned.text)
-    show("\nNotes:")
+    if tuned.notes:
+        show("\nNotes:")
     for note in tuned.notes:
         show(f"- {note}")
 
@@ -368,10 +368,10 @@ def landing_sentences(change: LandingChange) -> list[str]:
         sentences.append("The model as it is has this rebound already: there is nothing to paste.")
     if change.worse:
         sentences.append(f"Worse than before: {'; '.join(change.worse)}.")
-    if change.reach is not None and change.rebound:
-        largest = f"{1e3 * change.reach.rebound:.3g} mm"
+    if change.reach is not None:
+        reached = f"{1e3 * change.reach.rebound:.3g} mm"
         sentences.append(
-            f"The largest rebound at this step without a worse landing is {largest}, of the "
+            f"The {change.extreme} rebound at this step without a worse landing is {reached}, of the "
             "contacts that were tried."
         )
         if not math.isnan(before.frequency):
@@ -418,7 +418,7 @@ def landing_record(change: LandingChange | None) -> dict[str, Any] | None:
         "before": change.before.record,
         "after": change.after.record,
         "worse": change.worse,
-        "largest": reach,
+        "reach": reach,
         "advice": list(change.advice),
     }
 

@@ -328,8 +328,13 @@ def _impact_rows(meaning: ContactMeaning) -> Iterator[_Row]:
     if any(math.isfinite(each.stiffness) for each in impacts):
         yield "stiffness, N/m", *(number(each.stiffness, ".3g") for each in impacts)
         yield "damping, N s/m", *(number(each.damping, ".3g") for each in impacts)
-        yield "damping ratio", *(number(each.damping_ratio, ".2g") for each in impacts)
-        yield "misfit of the two, %", *(number(100 * each.misfit, ".2g") for each in impacts)
+        # Joints and servos that act, too, leave no ratio.
+        if any(math.isfinite(each.damping_ratio) for each in impacts):
+            yield "damping ratio", *(number(each.damping_ratio, ".2g") for each in impacts)
+        yield (
+            "misfit of spring and damper, %",
+            *(number(100 * each.misfit, ".2g") for each in impacts),
+        )
 
 
 def _speed(point: CurvePoint) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import textwrap
 from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
@@ -39,6 +40,13 @@ _SHARE_OF_FALL = 0.1
 _ENOUGH_STEPS = 20
 # Printed in place of a contact time if the body stays on the floor until the end of the window.
 _STAYS = "stays"
+# Printed between two ends, and what they are.
+_SPAN = " ... "
+CHANCE = (
+    "Two numbers are the least and the largest of four drops, which differ in where in a time step "
+    "the first foot touches: by chance. The other numbers are those of the first drop."
+)
+_WIDTH = 100
 _HEADER = (
     *("drop m", "deg", "model", "impact m/s", "e", "peak/weight", "impulse N s"),
     *("contact ms", "slip mm", "depth mm", "feet", "bounce"),
@@ -216,6 +224,7 @@ def _drop_record(drop: Landing) -> dict[str, Any]:
     return {
         **record(LANDING, drop),
         LANDING_SPEED_OUT.key: drop.speed_out,
+        "other_phases": [record(LANDING, one) for one in drop.others],
         "feet": list(map(dataclasses.asdict, drop.feet)),
         LANDING_TIME.key: drop.time.tolist(),
         LANDING_FORCE.key: drop.force.tolist(),
@@ -235,6 +244,8 @@ def as_text(robots: Sequence[Landings]) -> str:
     header, rows = _without_model(_HEADER, rows, len(robots) > 1)
     header, rows = without_empty(header, rows, "impulse N s")
     lines += ["", *table(header, rows)]
+    if any(_SPAN in cell for row in rows for cell in row):
+        lines += ["", *textwrap.wrap(CHANCE, _WIDTH)]
     for name, landings in zip(names, robots, strict=True):
         title = f"each foot of {name}" if len(robots) > 1 else "each foot"
         lines += ["", title, ""]
@@ -278,7 +289,8 @@ def by_drop(robots: Sequence[Landings], names: Sequence[str]) -> Iterator[tuple[
 def _row(drop: Landing, name: str) -> tuple[str, ...]:
     """Cells of one landing: height in m, times in ms, slip and penetration in mm, tilt in degrees.
 
-    name: of the robot. "" stands for the impulse where the engine has forces.
+    name: of the robot. "" stands for the impulse where the engine has forces. e, the peak force and
+    the penetration are over all places of the touch in a step.
     """
     impulse = ""
     if not math.isnan(drop.impulse):
@@ -291,15 +303,26 @@ def _row(drop: Landing, name: str) -> tuple[str, ...]:
         f"{math.degrees(drop.tilt):.4g}",
         name,
         number(drop.speed_in, ".4g"),
-        number(drop.restitution, ".3f"),
-        number(drop.peak, ".2f"),
+        span(drop, "restitution", 1.0, 3),
+        span(drop, "peak", 1.0, 2),
         impulse,
         contact,
         number(1e3 * drop.slip, ".2f"),
-        number(1e3 * drop.penetration, ".2f"),
+        span(drop, "penetration", 1e3, 2),
         str(len(drop.feet)),
         str(drop.bouncing),
     )
+
+
+def span(drop: Landing, name: str, scale: float, digits: int) -> str:
+    """The values of an attribute over all places of the touch in a step, times a scale: one number of
+    so many digits, or two of one digit less.
+    """
+    low, high = (scale * value for value in drop.over_phases(name))
+    least, most = number(low, f".{digits - 1}f"), number(high, f".{digits - 1}f")
+    if least == most:
+        return number(scale * getattr(drop, name), f".{digits}f")
+    return f"{least}{_SPAN}{most}"
 
 
 def _foot_rows(drop: Landing, is_tilted: bool) -> list[tuple[str, ...]]:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from hcbench.laws import closed_form
 from hcbench.measuring.curve import Curve
-from hcbench.measuring.landing import by_drop, headline, labels
+from hcbench.measuring.landing import CHANCE, by_drop, headline, labels, span
 from hcbench.measuring.measurement import Measurement
 from hcbench.measuring.text import motion_notes, setting_text
 from hcbench.reporting.explorer import (
@@ -141,6 +141,8 @@ def landing_page(robots: Sequence[Landings]) -> str:
         headlines=[line for landings in robots for line in headline(landings)],
         several=len(robots) > 1,
         drops=list(by_drop(robots, names)),
+        span=span,
+        chance=CHANCE,
         forces=draw(Drawing("forces", lambda: force_figure(robots))),
     )
 

@@ -225,8 +225,10 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Step
     def touchdowns(
         self, source: Any, request: Request, recorded: Mapping[str, Floats]
     ) -> TrajectoryTouchdowns:
-        """Raise UserError: PyBullet has no names for a recorded state."""
-        raise UserError("trajectory", f"a world of {self.title}", "a model of MuJoCo")
+        """Find where a recorded motion met the bodies that do not move."""
+        from hcbench.engines.pybullet.model.under_test import touchdowns_in
+
+        return touchdowns_in(source, request, recorded)
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
         """Bullet's restitution of a contact."""

@@ -111,7 +111,7 @@ def _way_up(is_touching_at: Callable[[float], bool], robot: str) -> float:
     else:
         raise UserError(
             "model",
-            f"{robot!r} has nothing below to land on",
+            f"{robot!r} has nothing below to land on, down to {_FARTHEST:g} m",
             "a floor",
             'Add a floor: <geom type="plane" size="0 0 1"/> in the worldbody',
         )

@@ -18,7 +18,11 @@ from hcbench.engines.mujoco.model.find_pair import (
     no_contact_error,
 )
 from hcbench.engines.mujoco.model.pair import BOTH_SIDES, ContactPair, Nearest, PairContact
-from hcbench.engines.mujoco.model.start_pose import MOVED, require_joints_within_limits
+from hcbench.engines.mujoco.model.start_pose import (
+    MOVED,
+    beyond_limit,
+    require_joints_within_limits,
+)
 from hcbench.engines.mujoco.model.touch_search import TouchSearch, swing, swing_to_touch
 from hcbench.sim.model_under_test import Vector
 from hcbench.sim.touch import DEEPEST, LEAST_APPROACH, require_apart, require_reachable
@@ -136,7 +140,8 @@ def _by_some_joint(
     row: Floats,
     overlap: float,
 ) -> PairAtTouch:
-    """The two brought together the nearest way, by the first of the movers that leads there.
+    """The two brought together the nearest way, by the first of the movers that leads there within
+    the limits of its joints, else by the first at all.
 
     data: MjData at the start, and again when this returns.
     movers: (pair with the moving part first, mover).
@@ -147,6 +152,7 @@ def _by_some_joint(
     """
     # A miss goes first: it says more than what else is in the way.
     errors: list[UserError] = []
+    strained: PairAtTouch | None = None
     for ordered, joint in movers:
         try:
             placed = _along_nearest(ordered, data, joint, row, overlap)
@@ -155,14 +161,33 @@ def _by_some_joint(
         except UserError as error:
             errors.append(error)
         else:
-            if placed is not None:
+            if placed is None:
+                continue
+            if not _is_strained(placed):
                 return placed
+            # A limit would turn the part back before it touches.
+            strained = strained or placed
+    if strained is not None:
+        return strained
     if errors:
         raise errors[0]
     if any(not joint.turns for _, joint in movers):
         got = f"{pair.first.name!r} and {pair.second.name!r} slide past each other: no joint moves one"
         raise UserError("pair", f"{got} towards the other", "a joint along their common normal")
     raise immobile_error(pair)
+
+
+def _is_strained(placed: PairAtTouch) -> bool:
+    """Say whether a joint of what moves is far beyond its limit at touch."""
+    model = placed.pair.model
+    at_touch = backend().MjData(model)
+    at_touch.qpos[:] = placed.qpos
+    joints = set(model.dof_jntid[list(placed.joint.dofs)].tolist())
+    for joint in joints:
+        beyond, allowed, _ = beyond_limit(model, at_touch, joint)
+        if model.jnt_limited[joint] and beyond > allowed:
+            return True
+    return False
 
 
 def _raised(pair: ContactPair, data: Any, near: Nearest) -> Nearest:

@@ -41,6 +41,8 @@ _FASTEST = 100.0
 _CLIPPED = 1e-3
 # Speed of the hops of a body at rest, in speeds that gravity gives in a step.
 _HOPS = 2.5
+# A contactDamping, N s/m, that does not yield.
+_RIGID = 1e30
 # Restitutions nearer than this are taken for the same.
 _SAME_E = 0.005
 
@@ -122,9 +124,24 @@ def _apply(bullet: BulletClient, calls: Sequence[Call]) -> None:
 
 
 def _fix_restitutions(
-    sides: Sequence[BodyPart], values: Sequence[float]
+    bullet: BulletClient, sides: Sequence[BodyPart], values: Sequence[float]
 ) -> tuple[str, Callable[[BulletClient], None]]:
-    return _fix(*(Call({"restitution": e}, side) for side, e in zip(sides, values, strict=True)))
+    calls = []
+    for side, e in zip(sides, values, strict=True):
+        calls.append(Call({"restitution": e, **without_spring(bullet, side)}, side))
+    return _fix(*calls)
+
+
+def without_spring(bullet: BulletClient, side: BodyPart) -> dict[str, float]:
+    """Keywords of changeDynamics that end the spring and damper of a link, which bend its restitution;
+    none for a link without them.
+
+    PyBullet cannot unset them: a damper alone that does not yield is Bullet's rigid contact without
+    error reduction.
+    """
+    if not bullet.getDynamicsInfo(side.body, side.link)[STIFFNESS] > 0.0:
+        return {}
+    return {"contactStiffness": 0.0, "contactDamping": _RIGID}
 
 
 def restitutions(bullet: BulletClient, place: BulletPlacement) -> tuple[float, float]:
@@ -192,7 +209,7 @@ def _unset_restitutions(c: BulletContext) -> Iterator[Suspect]:
         assumed_e = math.prod(positive) if positive else diagnose.BOUNCY
     report = partial(Suspect, always_reported=True, assumed_e=assumed_e)
     if foreign_sides:
-        text, apply = _fix_restitutions(foreign_sides, foreign_values)
+        text, apply = _fix_restitutions(c.bullet, foreign_sides, foreign_values)
         e = foreign_values[0]
         yield report(
             "foreign-restitution",
@@ -202,7 +219,7 @@ def _unset_restitutions(c: BulletContext) -> Iterator[Suspect]:
             apply,
         )
     if not positive:
-        text, apply = _fix_restitutions(c.sides, (c.fix_e, 1.0))
+        text, apply = _fix_restitutions(c.bullet, c.sides, (c.fix_e, 1.0))
         yield report(
             "no-restitution",
             "Neither of the two has a restitution: an unset one is 0.",
@@ -214,7 +231,7 @@ def _unset_restitutions(c: BulletContext) -> Iterator[Suspect]:
         unset, other = c.sides
         if values[0] != 0.0:
             unset, other = other, unset
-        text, apply = _fix_restitutions([unset], [1.0])
+        text, apply = _fix_restitutions(c.bullet, [unset], [1.0])
         yield report(
             "other-body",
             f"The restitution of {unset.name!r} is not set: the two multiply, so the pair has e = 0.",
@@ -233,7 +250,7 @@ def _restitution_product(c: BulletContext) -> Iterator[Suspect]:
     product = first * second
     e = c.fix_e
     if product > 0.0 and c.wanted is not None and abs(product - e) > _SAME_E:
-        text, apply = _fix_restitutions(c.sides, (e, 1.0))
+        text, apply = _fix_restitutions(c.bullet, c.sides, (e, 1.0))
         yield Suspect(
             "product",
             "The product of the two restitutions is not the target e.",
@@ -314,7 +331,7 @@ def _few_steps(c: BulletContext) -> Iterator[Suspect]:
             "energy-gain",
             "The restitutions of the two multiply to more than 1: every bounce adds energy.",
             f"{first:g} x {second:g} = {first * second:.4g}",
-            *_fix_restitutions(c.sides, (1.0, 1.0)),
+            *_fix_restitutions(c.bullet, c.sides, (1.0, 1.0)),
         )
     elif c.is_spring:
         step = diagnose.StepFix(
@@ -388,17 +405,22 @@ def speed_of_hops(timestep: float, gravity: float) -> float:
     return _HOPS * max(gravity, 0.0) * timestep
 
 
-def restitution_setting(place: BulletPlacement, e: float, still: float) -> Suspect:
+def restitution_setting(
+    place: BulletPlacement, springless: Sequence[Mapping[str, float]], e: float, still: float
+) -> Suspect:
     """All calls that give a pair this e, as one fix, in a suspect without a text of its own.
 
     The first part gets e, the second 1: Bullet multiplies them.
-    still: speed below which nothing bounces, m/s.
+    springless: see `without_spring`, of the two parts. still: speed below which nothing bounces,
+    m/s.
     """
+    first, second = ({"restitution": 1.0, **keywords} for keywords in springless)
+    first["restitution"] = e
     world = {"restitutionVelocityThreshold": still, "contactSlop": 0.0, "contactERP": 0.0}
     undamped = {"linearDamping": 0.0, "angularDamping": 0.0, "contactProcessingThreshold": 0.0}
     text, apply = _fix(
         Call({**world, "contactBreakingThreshold": LASTING_SETTINGS["contactBreakingThreshold"]}),
-        Call({**undamped, "restitution": e}, place.first),
-        Call({"restitution": 1.0, "contactProcessingThreshold": 0.0}, place.second),
+        Call({**undamped, **first}, place.first),
+        Call({**second, "contactProcessingThreshold": 0.0}, place.second),
     )
     return Suspect("restitution", "", "", text, apply)

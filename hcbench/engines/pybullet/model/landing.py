@@ -20,7 +20,6 @@ from hcbench.engines.pybullet.backend import (
 from hcbench.engines.pybullet.model.bodies import (
     FIXED,
     JOINT_TYPE,
-    LINK_NAME,
     mass_and_volumes,
 )
 from hcbench.engines.pybullet.model.in_child import can_fork, run_aside
@@ -33,11 +32,12 @@ from hcbench.sim.landing import (
     Landing,
     Landings,
     latest_touch,
+    over_phases,
+    raised_for,
     take_off_speed,
 )
 from hcbench.sim.touch import travel_by_distance
 from hcbench.system.errors import EngineFailed, UserError
-from hcbench.system.text import sanitized
 from hcbench.terms import units
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
 
     def described() -> Landings:
         bench, _, words = prepared()
-        floors = ", ".join(_body_name(world, floor) for floor in bench.floors)
+        floors = ", ".join(world.name_of(floor) for floor in bench.floors)
         start = ", ".join(["the pose of the world", *(joint for joint, _ in request.pose)])
         notes = unit_notes(bench.name, *mass_and_volumes(bullet, bench.robot))
         return Landings(
@@ -101,12 +101,15 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
             tuple(notes),
         )
 
-    def dropped(height: float, tilt: float) -> Landing:
-        bench, drive, _ = prepared()
-        return bench.landing(height, tilt, drive)
+    def dropped(height: float, tilt: float, phase: float) -> Landing:
+        def landing() -> Landing:
+            bench, drive, _ = prepared()
+            return bench.landing(height, tilt, drive, phase)
+
+        return run_aside(bullet, landing)
 
     landings = [
-        run_aside(bullet, partial(dropped, height, tilt))
+        over_phases(partial(dropped, height, tilt))
         for height in drops.heights
         for tilt in drops.tilts
     ]
@@ -135,6 +138,7 @@ class _DropBench:
     """
 
     def __init__(self, world: LoadedWorld) -> None:
+        self._world = world
         bullet = self.bullet = world.bullet
         masses = {body: bullet.getDynamicsInfo(body, -1)[0] for body in bullet.bodies()}
         free = [body for body, mass in masses.items() if mass > 0.0]
@@ -146,7 +150,7 @@ class _DropBench:
             got = f"{world.label}: nothing is fixed"
             raise UserError("model", got, "a floor, such as plane.urdf", "Give it as a second file")
         self.robot = max(free, key=lambda body: (bullet.getNumJoints(body), masses[body]))
-        self.name = _body_name(world, self.robot)
+        self.name = world.name_of(self.robot)
         self.links = list(range(bullet.getNumJoints(self.robot)))
         # Of the links, and of the base at the end.
         self.masses: Floats = np.array(
@@ -182,8 +186,13 @@ class _DropBench:
         """Speed of the centre of mass upwards, m/s."""
         return float(self.masses @ motion.velocities @ self.up) / self.mass
 
-    def landing(self, height: float, tilt: float, drive: Callable[[], None]) -> Landing:
-        """One drop from a height (m) over the touch, the base turned by a tilt (rad) about y."""
+    def landing(
+        self, height: float, tilt: float, drive: Callable[[], None], phase: float
+    ) -> Landing:
+        """One drop from a height (m) over the touch, the base turned by a tilt (rad) about y.
+
+        phase: place of the touch in a step.
+        """
         bullet = self.bullet
         position, attitude = bullet.getBasePositionAndOrientation(self.robot)
         turn = [0.0, math.sin(tilt / 2), 0.0, math.cos(tilt / 2)]
@@ -203,7 +212,8 @@ class _DropBench:
                 raise UserError("model", got, "a floor", "Give it as a second file")
             return float(min(point[DISTANCE] for point in points))
 
-        lower(travel_by_distance(distance, 1.0) - height)
+        more = raised_for(phase, height, self.g, self.h)
+        lower(travel_by_distance(distance, 1.0) - height - more)
         bullet.resetBaseVelocity(self.robot, [0, 0, 0], [0, 0, 0])
         return self._fall(height, tilt, drive)
 
@@ -244,7 +254,9 @@ class _DropBench:
         pushed: Floats = np.array(forces)
         speed_out = take_off_speed(pushed, np.array(rising), self.h)
         time: Floats = np.arange(len(forces), dtype=np.float64) * self.h
-        fallen = tuple(log.footfall(self._link_name(link)) for link, log in feet.items())
+        fallen = tuple(
+            log.footfall(self._world.name_of(self.robot, link)) for link, log in feet.items()
+        )
         weight = self.mass * self.g
         return Landing(height, tilt, -rising[0], speed_out, weight, fallen, time, pushed)
 
@@ -275,17 +287,6 @@ class _DropBench:
             slip = float(force @ slide / force.sum())
             feet[link].add(time, self.h, float(force.sum()), slip, float(depth.max()))
         return upward
-
-    def _link_name(self, link: int) -> str:
-        if link < 0:
-            return self.name
-        name = self.bullet.getJointInfo(self.robot, link)[LINK_NAME]
-        return sanitized(name.decode(errors="replace"))
-
-
-def _body_name(world: LoadedWorld, body: int) -> str:
-    """Name of a body: its file's, or its number."""
-    return world.files.get(body, f"body:{body}")
 
 
 def _drive_of(controller: Any, bench: _DropBench) -> tuple[Callable[[], None], str]:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient
+from hcbench.engines.pybullet.model.bodies import LINK_NAME
 from hcbench.sim.packages import (
     Packages,
     is_utf8,
@@ -359,6 +360,13 @@ class LoadedWorld:
     files: dict[int, str] = field(default_factory=dict)
     unread: dict[int, tuple[str, float]] = field(default_factory=dict)
     owner: Any = None
+
+    def name_of(self, body: int, link: int = -1) -> str:
+        """Name of a link, as its file has it; of a base, the file's own name or the body's number."""
+        if link < 0:
+            return self.files.get(body, f"body:{body}")
+        name = self.bullet.getJointInfo(body, link)[LINK_NAME]
+        return sanitized(name.decode(errors="replace"))
 
 
 def load_files(paths: Sequence[str], packages: Packages = ()) -> LoadedWorld:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from hcbench.engines.pybullet.backend import BulletClient
-    from hcbench.engines.pybullet.model.place import BulletPlacement
+    from hcbench.engines.pybullet.model.open import BodyPart
     from hcbench.terms.setting import Pair
 
 # Relative difference of two numbers that digits of a text make.
@@ -42,9 +42,8 @@ def promise_line(pair: Pair, promise: Promise) -> str:
     return f"pybullet.addUserData({first}, {key},\n    {parts[0]}\n    {parts[1]})"
 
 
-def promise_in(bullet: BulletClient, place: BulletPlacement) -> Promise | None:
+def promise_in(bullet: BulletClient, sides: tuple[BodyPart, BodyPart]) -> Promise | None:
     """Read hcbench's promise for the two that meet; None without one."""
-    sides = (place.first, place.second)
     for first, second in (sides, sides[::-1]):
         # A text sets whole bodies, by their base.
         number = bullet.getUserDataId(first.body, _key(str(second.body), second.link))

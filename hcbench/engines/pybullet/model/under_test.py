@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -30,6 +30,7 @@ from hcbench.engines.pybullet.model.causes import (
     restitutions,
     speed_of_hops,
     what_distorts,
+    without_spring,
 )
 from hcbench.engines.pybullet.model.in_child import (
     Answer,
@@ -47,6 +48,7 @@ from hcbench.engines.pybullet.model.place import place
 from hcbench.engines.pybullet.model.promises import broken_promise, promise_in
 from hcbench.engines.pybullet.model.simulation import LaunchInUserWorld, pair_friction
 from hcbench.engines.pybullet.model.start_pose import base_states, joint_states, set_pose
+from hcbench.engines.pybullet.model.touchdowns import touchdowns
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.density import unit_notes
 from hcbench.sim.model_under_test import (
@@ -73,6 +75,8 @@ if TYPE_CHECKING:
     from hcbench.sim.loads import Carried
     from hcbench.sim.promise import Promise
     from hcbench.sim.rest import Standing
+    from hcbench.sim.touch import TrajectoryTouchdowns
+    from hcbench.terms.impact import Floats
 
 # Refuses a world whose numbers no bouncing body has, as PyBullet read them.
 
@@ -217,7 +221,7 @@ class PybulletModel(ModelUnderTest):
             is_put_back_whole=bool(self.world.files)
             and can_fork(self.bullet)
             and keeps_nothing(self.bullet),
-            promise=promise_in(self.bullet, self.place),
+            promise=promise_in(self.bullet, (self.place.first, self.place.second)),
             timestep=float(self.bullet.getPhysicsEngineParameters()["fixedTimeStep"]),
             gravity=gravity,
         )
@@ -558,6 +562,22 @@ def land_in(
             world.bullet.disconnect()
 
 
+def touchdowns_in(
+    source: Any, request: Request, recorded: Mapping[str, Floats]
+) -> TrajectoryTouchdowns:
+    """Touchdowns in a recorded motion of a world, see `touchdowns.touchdowns`; the world stays as it
+    is.
+
+    Raises SceneError for files that do not load, and the errors of `touchdowns`.
+    """
+    world, _ = _loaded(source, None, request.packages)
+    try:
+        return run_aside(world.bullet, lambda: touchdowns(world, request, recorded))
+    finally:
+        if world.disconnect:
+            world.bullet.disconnect()
+
+
 def _listed(world: LoadedWorld, request: Request) -> list[CandidatePair]:
     set_pose(world, request)
     return list_pairs(world)
@@ -614,7 +634,8 @@ def model_settings(
     e = goal.best_constant(min(requests[0].speeds), max(requests[0].speeds))
     still = 0.0
     slowest = math.inf
-    places: list[BulletPlacement] = []
+    # Each with what ends a spring of its parts.
+    places: list[tuple[BulletPlacement, list[dict[str, float]]]] = []
     # 0 or 1, by (body, link).
     side_of: dict[tuple[int, int], int] = {}
     for i, request in enumerate(requests):
@@ -623,8 +644,9 @@ def model_settings(
             still = max(still, speed_of_hops(step, gravity))
             touching = [each.touch_speed(step, gravity) for each in request.launches()]
             slowest = min(slowest, *touching)
-            places.append(model.place)
-            for side, part in enumerate((model.place.first, model.place.second)):
+            parts = (model.place.first, model.place.second)
+            places.append((model.place, [without_spring(model.bullet, part) for part in parts]))
+            for side, part in enumerate(parts):
                 if side_of.setdefault((part.body, part.link), side) != side:
                     got = f"{part.name!r} is the first of one pair and the second of another"
                     advice = "Restitutions multiply: tune one pair after the other"
@@ -639,7 +661,7 @@ def model_settings(
 
 
 def _restitution(
-    places: Sequence[BulletPlacement],
+    places: Sequence[tuple[BulletPlacement, list[dict[str, float]]]],
     e: float,
     still: float,
     build: Callable[[], LoadedWorld],
@@ -647,9 +669,9 @@ def _restitution(
 ) -> ModelSetting:
     """The setting with one restitution, and a speed, m/s, below which nothing bounces.
 
-    build: makes the world. more: notes on it.
+    places: each with what ends a spring of its parts. build: makes the world. more: notes on it.
     """
-    suspects = [restitution_setting(place, e, still) for place in places]
+    suspects = [restitution_setting(place, springless, e, still) for place, springless in places]
     # Each line once, in order.
     lines: dict[str, None] = {}
     for suspect in suspects:
