@@ -90,10 +90,10 @@ _ROLES: tuple[tuple[str, set[str], set[str]], ...] = (
     ("height", {"y"}, {"vertical", "number"}),
     ("height", {"z"}, {"vertical", "number"}),
     ("height", {"peak", "bounce"}, set()),
-    ("speed_in", {"speed", "before"}, {*_EVENTS, "drop", "vertical"}),
+    ("speed_in", {"speed", "before"}, {*_EVENTS, "drop", *_UPWARDS}),
     ("speed_in", {"speed", "touch"}, {"drop", "vertical"}),
     ("speed_in", {"speed", "drop"}, {"vertical"}),
-    ("speed_out", {"speed", "after"}, {*_EVENTS, "vertical"}),
+    ("speed_out", {"speed", "after"}, {*_EVENTS, *_UPWARDS}),
     ("speed_out", {"speed", "bounce"}, {"vertical"}),
     ("speed", {"speed"}, {"vertical"}),
     ("restitution", {"restitution"}, {*_EVENTS, "vertical"}),
@@ -106,7 +106,7 @@ _ROLES: tuple[tuple[str, set[str], set[str]], ...] = (
     ("rate", {"penetration", "rate"}, set()),
     ("rate", {"penetration", "speed"}, set()),
     ("penetration", {"penetration"}, {"touch", "vertical"}),
-    ("frame", {"frame"}, {"number"}),
+    ("frame", {"frame"}, {"number", *_EVENTS}),
     ("sample", {"sample"}, {"number"}),
 )
 # Names of lengths and times alone: "drop [cm]" is a height, "drop" a number.
@@ -191,6 +191,11 @@ _WITHOUT_BLANKS = re.compile(r"[\u0e00-\u0eff\u3040-\u30ff\u4e00-\u9fff\uac00-\u
 _PLAIN_LETTERS = str.maketrans({"ø": "oe", "æ": "ae", "œ": "oe", "ł": "l", "đ": "d", "ı": "i"})
 # Vowels with an accent are typed in two letters too: "hoehe" is "höhe", "hoejd" is "höjd".
 _TWO_LETTERS = re.compile(r"([aou])e|a(?=a)")
+# Letters of Russian in Latin ones.
+_CYRILLIC = dict(zip("абвгдезийклмнопрстуфыэ", "abvgdeziyklmnoprstufye", strict=True)) | {
+    **{"ж": "zh", "х": "kh", "ц": "ts", "ч": "ch", "ш": "sh", "щ": "shch"},
+    **{"ъ": "", "ь": "", "ю": "yu", "я": "ya"},
+}
 # Languages whose words have many endings, and letters that a word has before its ending, at least.
 _OF_MANY_ENDINGS = frozenset(["pl", "cs", "ru", "uk", "hu", "fi", "tr", "ro", "el"])
 _LEAST_STEM = 5
@@ -226,6 +231,10 @@ def _lexicon(of_files: bool = False) -> dict[str, str]:
             continue
         for word in itertools.chain(*languages.values()):
             meanings.setdefault(" ".join(_words(word)), meaning)
+    for word, meaning in list(meanings.items()):
+        # "vysota": Russian in Latin letters, as programs' names are.
+        if len(word) >= _LEAST_STEM and set(word) & set(_CYRILLIC):
+            meanings.setdefault("".join(_CYRILLIC.get(letter, letter) for letter in word), meaning)
     return meanings
 
 
@@ -450,8 +459,18 @@ def of_file(name: str) -> str:
 def split_header(cell: str) -> tuple[str, str]:
     """(name in lower case, unit) of "name [unit]", "name (unit)", "t/s", "time_s" or "time, s".
 
-    The unit is "" where the cell has none. "Latest:" and "Run #1" are left out.
+    The unit is "" where the cell has none. "Latest:" and "Run #1" are left out, and other words before
+    a colon where those after it have a role.
     """
+    found = _split_header(cell)
+    _, sign, rest = cell.partition(": ")
+    if sign and not role_of(*found) and role_of(*(later := _split_header(rest))):
+        return later
+    return found
+
+
+def _split_header(cell: str) -> tuple[str, str]:
+    """The parts of a header as `split_header` gives them, with the words before a colon."""
     cell = unicodedata.normalize(
         "NFKC", cell.replace("²", "^2").replace("⁻¹", "^-1").replace("⁻", "-")
     )

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.assumed import falls_with_g
+from hcbench.fitting.assumed import is_sure_train
+from hcbench.fitting.cells import counts
 from hcbench.fitting.column_names import (
     DATA_KINDS,
     EXPECTED_COLUMNS,
@@ -20,7 +21,6 @@ from hcbench.fitting.column_names import (
     numbers_bounces,
     role_of,
 )
-from hcbench.fitting.separators import counts
 from hcbench.fitting.table import cell_of
 from hcbench.fitting.track import seen_fall
 from hcbench.system.errors import UserError
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 
 # Two columns of one quantity are the same where they differ by no more than this share: rounding.
 _SAME = 2e-3
-# Roles that a sentence calls by other words.
-_CALLED = {"time": "time of each touch", "interval": "time between touches"}
 # Kinds of one column: any other column of numbers may change what it means.
 _ALONE = ("times", "heights")
 
@@ -117,7 +115,8 @@ def columns_of(table: Table, asked: str | None = None) -> DataColumns:
 
     Raises UserError for two columns of one quantity that differ, for rows of several balls, for a
     column of numbers without a name that does not count the rows, and for one that may change what
-    the only known one means.
+    the only known one means: beside times that are no train of bounces, and heights that no column
+    counts.
     """
     roles: dict[str, list[int]] = {}
     unknown: list[int] = []
@@ -127,19 +126,19 @@ def columns_of(table: Table, asked: str | None = None) -> DataColumns:
             _require_one_ball(table, i)
         elif role:
             roles.setdefault(role, []).append(i)
-        elif not is_beside(name) and not _counts_rows(table, i):
+        elif not is_beside(name) and (name or not counts(table.texts(i))):
+            # pandas gives the index of the rows no name.
             unknown.append(i)
     _leave_counters(table, roles)
     table = _with_lone_uncertainty(table, roles, unknown)
-    assumed = _taken_by_numbers(table, roles, unknown, asked)
     _part_numbered(table, roles)
     _part_by_others(table, roles)
     places: dict[str, int] = {}
     for role, at in roles.items():
         places[role] = at[0] if len(at) == 1 else _one_of(table, role, at, roles)
-    columns = DataColumns(table, places, assumed)
+    columns = DataColumns(table, places)
     kind = asked or kind_of(columns.roles)
-    is_doubtful = kind is None or (kind in _ALONE and kind != asked)
+    is_doubtful = kind is None or (kind in _ALONE and kind != asked and not _is_sure(columns))
     nameless = [i for i in unknown if not table.header[i][0]]
     if nameless:
         # More numbers in a row than names, such as two for "1,5": which is whose cannot be told.
@@ -218,11 +217,18 @@ def _require_one_ball(table: Table, at: int) -> None:
         raise UserError(table.name, got, "one ball on one plate", "Put each into a file of its own")
 
 
-def _counts_rows(table: Table, at: int) -> bool:
-    """Say whether a column without a name counts the rows, as the index that pandas writes."""
-    numbers = sorted(table.numbers(at).tolist())
-    is_counting = numbers[:1] in ([0], [1]) and bool(np.all(np.diff(numbers) == 1))
-    return not table.header[at][0] and is_counting
+def _is_sure(columns: DataColumns) -> bool:
+    """Say whether a column alone is of bounces beside any other: times that are a train of them, or
+    heights whose bounces are counted.
+    """
+    table = columns.table
+    for role in {"time", "interval"} & columns.places.keys():
+        at = columns.places[role]
+        numbers = table.in_unit(at, "time") if table.unit_of(at, "time") else table.numbers(at)
+        return is_sure_train(np.cumsum([0.0, *numbers]) if role == "interval" else numbers)
+    return any(
+        numbers_bounces(name) and counts(table.texts(i)) for i, (name, _) in enumerate(table.header)
+    )
 
 
 def _leave_counters(table: Table, roles: dict[str, list[int]]) -> None:
@@ -256,44 +262,6 @@ def _with_lone_uncertainty(table: Table, roles: dict[str, list[int]], unknown: l
             roles[f"u_{of}"] = [i]
             unknown.remove(i)
     return replace(table, header=tuple(header))
-
-
-def _taken_by_numbers(
-    table: Table, roles: dict[str, list[int]], unknown: list[int], asked: str | None
-) -> str:
-    """Give roles to columns with unknown names where the kind that is asked for, or their units and
-    numbers, leave no choice, and return a sentence of it: the only force, the only place that falls
-    with g, or the only column of times of touches.
-    """
-
-    def of_unit(quantity: str) -> list[int]:
-        return [i for i in unknown if is_unit_of(table.unit_of(i, quantity), quantity)]
-
-    def taken(role: str, at: int, why: str) -> str:
-        roles[role] = [at]
-        unknown[:] = [i for i in unknown if i != at]
-        return f"{table.header[at][0]!r} read as the {_CALLED.get(role, role)}: {why}"
-
-    if not QUANTITY_OF.keys() & roles.keys():
-        for kind, quantity in (("times", "time"), ("heights", "position")):
-            alone = of_unit(quantity)
-            if asked == kind and len(alone) == 1:
-                falls = bool((np.diff(table.numbers(alone[0])) < 0).all())
-                role = "height" if kind == "heights" else "interval" if falls else "time"
-                return taken(role, alone[0], f"--as {kind} says so")
-    times = roles.get("time", []) or of_unit("time")
-    forces = of_unit("force")
-    if "time" in roles and not {"force", "height"} & roles.keys() and len(forces) == 1:
-        return taken("force", forces[0], "no other column is in its unit")
-    if len(times) != 1 or {"height", "force"} & roles.keys() or not table.unit_of(times[0], "time"):
-        return ""
-    t = table.in_unit(times[0], "time")
-    falling = [i for i in of_unit("position") if falls_with_g(t, table.in_unit(i, "position"))]
-    if len(falling) != 1:
-        return ""
-    if "time" not in roles:
-        taken("time", times[0], "")
-    return taken("height", falling[0], "it falls with g")
 
 
 def _part_numbered(table: Table, roles: dict[str, list[int]]) -> None:
@@ -347,6 +315,10 @@ def _one_of(table: Table, role: str, at: list[int], roles: dict[str, list[int]])
             return falling[0]
     if role in QUANTITY_OF or role.removeprefix("u_") in QUANTITY_OF:
         quantity = QUANTITY_OF[role.removeprefix("u_")]
+        rising = [i for i in at if (np.diff(table.numbers(i)) > 0).all()]
+        if role == "time" and len(rising) == 1:
+            # Beside the times of flights.
+            return rising[0]
         if role == "time":
             # Of a message, the time of measuring, and not that of its arrival.
             at = sorted(at, key=lambda i: "stamp" not in table.header[i][0])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.assumed import is_train, named, with_units
+from hcbench.fitting.assumed import completed, is_train
 from hcbench.fitting.column_names import (
     DATA_KINDS,
     EXPECTED_COLUMNS,
@@ -84,6 +84,8 @@ _ONE_SPEED = 1e-6
 _SHORTEST = 10e-3
 # Roles that leave a column of times to mean something else than touches.
 _OF_SOMETHING_ELSE = frozenset({"height_in", "speed", "speed_in", "speed_out"})
+# Meanings of a column by which rows differ.
+_NUMBERS = {"number", "bounce", "touch"}
 # Bounces in a row that may be missing from a table: numbers with wider gaps count something else.
 _MOST_UNSEEN = 3
 # Bounces not seen that a sentence names.
@@ -230,15 +232,12 @@ def _understood(
 
     asked: one of KINDS, or None. Raises UserError where the columns are not data of a kind.
     """
-    table, of_names = named(table)
+    table, assumed = completed(table, asked)
     with explained(table.name, table.header):
-        columns = columns_of(table, asked)
+        columns = replace(columns_of(table, asked), assumed=assumed)
         kind = _kind_of(columns, asked)
         of_kind = _of_bounces(columns, kind, asked)
-        columns = _complete(columns, of_kind)
-        table, of_units = with_units(columns.table, columns.places)
-        assumed = "; ".join(filter(None, (of_names or of_units, columns.assumed)))
-        return replace(columns, table=table, assumed=assumed), of_kind
+        return _complete(columns, of_kind), of_kind
 
 
 def _kind_of(columns: DataColumns, asked: str | None) -> str:
@@ -313,8 +312,9 @@ def _complete(columns: DataColumns, kind: str) -> DataColumns:
         is_turned = len(numbers) > 1 and bool((np.diff(numbers) < 0).all())
         if is_turned or (kind != "times" and len(set(numbers.tolist())) == len(numbers)):
             return columns.taken(np.argsort(numbers, kind="stable").tolist())
-        if kind != "times":
-            return columns.taken(_without_copies(columns))
+    is_numbered = any(meanings_of(name) & _NUMBERS for name, _ in columns.table.header)
+    if "time" in columns.places or (kind in ("times", "heights") and is_numbered):
+        return columns.taken(_without_copies(columns))
     return columns
 
 
@@ -543,6 +543,11 @@ def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     """
     columns, numbers = _seen(columns, "height")
     heights = columns.get("height")
+    above = np.flatnonzero(heights > 0)
+    if 0 < len(above) == above[-1] + 1:
+        # After the last bounce that rises, the ball rests at 0.
+        columns, heights = columns.taken(above.tolist()), heights[above]
+        numbers = None if numbers is None else numbers[above]
     columns.require("height", heights > 0, "above 0: the bottom of the ball above the plate")
     require_bounds(f"{columns.table.name}: height", heights.tolist(), "length", "m")
     if (
@@ -639,6 +644,9 @@ def _speeds(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     name = columns.table.name
     before = columns.get("speed_in")
     after = columns.get("speed_out")
+    if (before * after <= 0.0).all():
+        # A velocity is turned round.
+        before, after = np.abs(before), np.abs(after)
     columns.require("speed_in", before > 0, "a speed above 0")
     require_bounds(f"{name}: speed_in", before.tolist(), "speed", "m/s")
     gains = after > 1.2 * before

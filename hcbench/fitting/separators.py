@@ -8,8 +8,15 @@ import itertools
 import re
 from typing import TYPE_CHECKING
 
-from hcbench.fitting.cells import is_missing, looks_numeric
-from hcbench.fitting.column_names import is_beside, is_unit, meanings_of, role_of, split_header
+from hcbench.fitting.cells import counts, is_missing, looks_numeric
+from hcbench.fitting.column_names import (
+    is_beside,
+    is_unit,
+    meanings_of,
+    of_file,
+    role_of,
+    split_header,
+)
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -197,6 +204,9 @@ def _score(texts: Sequence[str], separator: str) -> tuple[float, int, int]:
         if separator == "," and any(re.fullmatch(r"0\d+", cell) for cell in cells):
             # "0,05" is no 0 and 05.
             numeric = 0
+        if of_file(cells[0]) and not looks_numeric(cells[0]):
+            # "fps,240" is no row.
+            numeric = 0
         empty = sum(map(is_missing, cells))
         if not numeric or 2 * (numeric + empty) < len(cells):
             continue
@@ -229,13 +239,6 @@ def _known_names(texts: Sequence[str], separator: str) -> int:
     """Number of names with a role in lines without numbers."""
     cells = [cell for text in texts for cell in split(text, separator)]
     return sum(role_of(*split_header(cell)) != "" for cell in cells)
-
-
-def counts(cells: Sequence[str]) -> bool:
-    """Say whether cells count rows: whole numbers, each one above the one before."""
-    if len(cells) < 2 or not all(map(str.isdigit, cells)):
-        return False
-    return all(int(b) - int(a) == 1 for a, b in itertools.pairwise(cells))
 
 
 def _trimmed(cells: Sequence[str]) -> list[str]:
@@ -313,22 +316,27 @@ _OF_LIST = re.compile(
 )
 
 
-def listed_names(lines: Sequence[str], count: int) -> tuple[str, ...]:
-    """Names of `count` columns that stand in brackets in one of the lines, as in SQL, or below one
-    another in the last ones, as in ARFF; () where none of them is known.
-    """
+def names_in_brackets(lines: Sequence[str], count: int) -> tuple[str, ...]:
+    """Names of `count` columns that stand in brackets in one of the lines, as in SQL; () for none."""
     ways = [
         [(part.split() or [""])[0] for part in inside.split(",")]
         for line in lines
         for inside in re.findall(r"\(([^()]*,[^()]*)\)", line)
     ]
+    return next((tuple(way) for way in reversed(ways) if _are_names(way, count)), ())
+
+
+def listed_names(lines: Sequence[str], count: int) -> tuple[str, ...]:
+    """Names of `count` columns in brackets, or below one another in the last lines, as in ARFF; ()
+    for none.
+    """
     below = [line for line in lines if not line.strip().lower().startswith(("@data", "@relation"))]
-    ways.append([_OF_LIST.sub("", line).strip() for line in below[-count:]])
-    # "rate = 240" has a value: it names nothing.
-    known = [
-        way
-        for way in ways
-        if len(way) == count > 1
-        and all(_is_known(one) and not set(one) & {"=", ":"} for one in way)
-    ]
-    return tuple(known[-1]) if known else ()
+    way = [_OF_LIST.sub("", line).strip() for line in below[-count:]]
+    return tuple(way) if _are_names(way, count) else names_in_brackets(lines, count)
+
+
+def _are_names(way: Sequence[str], count: int) -> bool:
+    """Say whether texts name `count` columns: "rate = 240" has a value, and names nothing."""
+    return len(way) == count > 1 and all(
+        _is_known(one) and not set(one) & {"=", ":"} for one in way
+    )

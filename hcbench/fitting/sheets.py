@@ -8,12 +8,19 @@ import re
 import unicodedata
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html.parser import HTMLParser
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
-from hcbench.fitting.column_names import explained, is_short_latin, is_word_of_header
+from hcbench.fitting.cells import looks_numeric
+from hcbench.fitting.column_names import (
+    explained,
+    is_short_latin,
+    is_unit,
+    is_word_of_header,
+    plain_unit,
+)
 from hcbench.fitting.numbers_in_text import rows_in_text
 from hcbench.fitting.separators import Row, rows_of
 from hcbench.system.errors import UserError
@@ -180,7 +187,14 @@ def _of_text(name: str, text: str) -> Sheet:
     begin = text.lstrip()[:1]
     if begin in ("{", "["):
         try:
-            return _of_json(name, parse_json(text))
+            sheet = _of_json(name, parse_json(text))
+            cells = list(filter(None, sheet.rows[-1][1]))
+            # The text of a notebook is among what it says of itself.
+            return (
+                sheet
+                if 2 * sum(map(looks_numeric, cells)) >= len(cells)
+                else replace(sheet, text=text)
+            )
         except ValueError:
             records = _of_json_lines(text)
             if records:
@@ -288,8 +302,8 @@ def _series(value: Any) -> tuple[str, list[Any] | None]:
         return "", [value[key] for key in sorted(value, key=int)]
     lists = [one for one in value.values() if isinstance(one, list)]
     if len(lists) == 1 and all(map(_is_scalar, lists[0])):
-        unit = next((one for key, one in value.items() if key.lower() in ("unit", "units")), "")
-        return str(unit), lists[0]
+        texts = (one for one in value.values() if isinstance(one, str))
+        return next((one for one in texts if is_unit(plain_unit(one))), ""), lists[0]
     return "", None
 
 

@@ -8,7 +8,7 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from hcbench.fitting.cells import is_missing, looks_numeric, style_of
+from hcbench.fitting.cells import counts, is_missing, looks_numeric, style_of
 from hcbench.fitting.column_names import (
     NO_UNIT,
     QUANTITIES_OF_COLUMNS,
@@ -23,7 +23,7 @@ from hcbench.fitting.column_names import (
     split_header,
 )
 from hcbench.fitting.drops import LEAST_ROWS, drops_of
-from hcbench.fitting.separators import counts, listed_names
+from hcbench.fitting.separators import listed_names, names_in_brackets
 from hcbench.fitting.table import Table
 from hcbench.system.errors import UserError
 from hcbench.terms import units
@@ -55,7 +55,10 @@ _SUMS = (
 )
 # Quantities whose units a line before the table may name.
 _UNITS_OF = {"unit of length": "position", "unit of time": "time"}
-_RATE_IN_WORDS = re.compile(r"(\d+(?:[.,]\d+)?)\s*(?:fps|hz|frames\s*(?:per|/)\s*s)", re.IGNORECASE)
+# "240 fps", "120 frames per second", "120 images/s", "30 кадров/с".
+_RATE_IN_WORDS = re.compile(
+    r"(\d+(?:[.,]\d+)?)\s*(?:fps|hz|frames\s*per\s*s|[^\W\d_]{4,}\s*/\s*[sс]\b)", re.IGNORECASE
+)
 
 
 def tables_of(sheet: Sheet) -> list[Table]:
@@ -248,10 +251,12 @@ def _header(
     if at is not None and not _names(rows[at]):
         # No name is known: the row next to the numbers is the header, unless it is a title.
         at = next(
-            (i for i in reversed(near) if not _are_units(rows[i]) and len(rows[i]) == width), None
+            (i for i in reversed(near) if not _are_units(rows[i]) and len(rows[i]) >= width), None
         )
+    listed = names_in_brackets([", ".join(row) for row in rows], width)
     if at is None:
         listed = listed_names([" ".join(row) for row in rows], width)
+    if listed or at is None:
         return tuple(map(split_header, listed or [""] * width)), rows
     names = _padded(rows[at], body, width)
     # Numbers beyond the last name may be halves of numbers with commas: no name is made up for them.
@@ -288,7 +293,7 @@ def _fits(cells: tuple[str, ...], body: list[Row], width: int) -> bool:
     """Say whether a row may name the columns of the numbers below it."""
     if not any(any(map(str.isalpha, cell)) for cell in cells) or any(map(looks_numeric, cells)):
         return False
-    if len(cells) == width or (len(cells) == width - 1 and _is_counted(body)):
+    if len(cells) >= width or (len(cells) == width - 1 and _is_counted(body)):
         return True
     return _names(cells) > 0 and (width == 1 or len(cells) > 1)
 
