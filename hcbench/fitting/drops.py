@@ -20,11 +20,11 @@ from hcbench.fitting.column_names import (
 from hcbench.fitting.table import cell_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
     from hcbench.fitting.table import Table
 
-    Rows = Iterable[tuple[Sequence[str], int]]
+    Rows = list[tuple[Sequence[str], int]]
 
 # Rows after which another header begins another table.
 LEAST_ROWS = 2
@@ -101,7 +101,7 @@ def _of_numbered(table: Table) -> list[Table]:
             ]
         return [
             _drop(table, k if len(each) > 1 else 0, [_series(table, quantity, place, one)], one)
-            for k, (place, one) in enumerate(zip(itertools.cycle(places), each), 1)  # noqa: B905
+            for k, (place, one) in enumerate(zip(itertools.cycle(places), each), 1)
         ]
     return []
 
@@ -182,8 +182,8 @@ def _made_again(table: Table) -> list[Table]:
         return []
     name = re.sub(r"\d+", "", table.header[after[0]][0]).strip()
     header = [table.header[before[0]], (name, table.header[after[0]][1])]
-    rows = itertools.chain(*zip(*(_rows(table, [before[0], i]) for i in after), strict=True))
-    return [_drop(table, 0, header, rows)]
+    each = zip(*(_rows(table, [before[0], i]) for i in after), strict=True)
+    return [_drop(table, 0, header, [*itertools.chain(*each)])]
 
 
 def _side_by_side(table: Table) -> list[Table]:

@@ -21,7 +21,6 @@ from hcbench.fitting.column_names import (
     is_word_of_header,
     plain_unit,
 )
-from hcbench.fitting.numbers_in_text import rows_in_text
 from hcbench.fitting.separators import Row, rows_of
 from hcbench.system.errors import UserError
 from hcbench.system.files import is_file, parse_json, read_bytes, require_small_archive
@@ -40,8 +39,6 @@ _PLACE = re.compile(rb'<(?:\w+:)?c\b[^>]*?\br="([A-Z]{1,3})(\d{1,7})"')
 _ZEROS = 0.3
 _OLD_WORKBOOK = b"\xd0\xcf\x11\xe0"
 _ARCHIVE = b"PK\3\4"
-# Lines of records, as in YAML and of `rostopic echo`: "  - time: 0.32", "---".
-_NAMED = re.compile(r"\s*(?:- )?[^\W\d][\w ./]*:(?:\s|$)|---\s*$|#")
 # Encodings of text that is not in UTF: the first is taken where no word tells.
 _ENCODINGS = (
     "cp1252",
@@ -204,8 +201,6 @@ def _of_text(name: str, text: str) -> Sheet:
         page.feed(text)
         return Sheet(name, tuple(enumerate(map(tuple, page.rows), 1)))
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
-    if all(_NAMED.match(line) for _, line in lines) and (rows := rows_in_text(text)):
-        return Sheet(name, rows, text)
     return Sheet(name, rows_of(name, lines), text)
 
 
