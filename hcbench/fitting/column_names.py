@@ -459,13 +459,14 @@ def of_file(name: str) -> str:
 def split_header(cell: str) -> tuple[str, str]:
     """(name in lower case, unit) of "name [unit]", "name (unit)", "t/s", "time_s" or "time, s".
 
-    The unit is "" where the cell has none. "Latest:" and "Run #1" are left out, and other words before
-    a colon where those after it have a role.
+    The unit is "" where the cell has none. "Latest:" and "Run #1" are left out, and "name:" where the
+    words after it have a role.
     """
     found = _split_header(cell)
-    _, sign, rest = cell.partition(": ")
-    if sign and not role_of(*found) and role_of(*(later := _split_header(rest))):
-        return later
+    before, sign, rest = cell.partition(": ")
+    if sign and is_beside(before) and not role_of(*found):
+        later = _split_header(rest)
+        return later if role_of(*later) else found
     return found
 
 

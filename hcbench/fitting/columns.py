@@ -26,7 +26,7 @@ from hcbench.fitting.track import seen_fall
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 # Two columns of one quantity are the same where they differ by no more than this share: rounding.
 _SAME = 2e-3
+# Rows with a name each, at least, that are no bounces.
+_LEAST_NAMED = 2
 # Kinds of one column: any other column of numbers may change what it means.
 _ALONE = ("times", "heights")
 
@@ -120,15 +122,21 @@ def columns_of(table: Table, asked: str | None = None) -> DataColumns:
     """
     roles: dict[str, list[int]] = {}
     unknown: list[int] = []
+    # Columns that say what the rows are, such as "person": bounces have other names.
+    of_rows: list[int] = []
     for i, (name, unit) in enumerate(table.header):
         role = role_of(name, unit)
+        cells = table.texts(i)
         if not table.has_number(i) and (not role or not any(table.is_given(i))):
             _require_one_ball(table, i)
+            if name and not is_beside(name) and len(set(cells)) == len(cells) > _LEAST_NAMED:
+                of_rows.append(i)
         elif role:
             roles.setdefault(role, []).append(i)
-        elif not is_beside(name) and (name or not counts(table.texts(i))):
+        elif not is_beside(name) and (name or not counts(cells)):
             # pandas gives the index of the rows no name.
             unknown.append(i)
+            of_rows += [i] if counts(cells) else []
     _leave_counters(table, roles)
     table = _with_lone_uncertainty(table, roles, unknown)
     _part_numbered(table, roles)
@@ -138,7 +146,10 @@ def columns_of(table: Table, asked: str | None = None) -> DataColumns:
         places[role] = at[0] if len(at) == 1 else _one_of(table, role, at, roles)
     columns = DataColumns(table, places)
     kind = asked or kind_of(columns.roles)
-    is_doubtful = kind is None or (kind in _ALONE and kind != asked and not _is_sure(columns))
+    is_doubtful = kind is None or (
+        kind in _ALONE and kind != asked and (of_rows or not _is_sure(columns, unknown))
+    )
+    unknown += [i for i in of_rows if i not in unknown]
     nameless = [i for i in unknown if not table.header[i][0]]
     if nameless:
         # More numbers in a row than names, such as two for "1,5": which is whose cannot be told.
@@ -217,16 +228,17 @@ def _require_one_ball(table: Table, at: int) -> None:
         raise UserError(table.name, got, "one ball on one plate", "Put each into a file of its own")
 
 
-def _is_sure(columns: DataColumns) -> bool:
+def _is_sure(columns: DataColumns, unknown: Sequence[int]) -> bool:
     """Say whether a column alone is of bounces beside any other: times that are a train of them, or
-    heights whose bounces are counted.
+    heights whose bounces are counted, where all that is unknown falls along with them.
     """
     table = columns.table
     for role in {"time", "interval"} & columns.places.keys():
         at = columns.places[role]
         numbers = table.in_unit(at, "time") if table.unit_of(at, "time") else table.numbers(at)
         return is_sure_train(np.cumsum([0.0, *numbers]) if role == "interval" else numbers)
-    return any(
+    falling = all((np.diff(table.numbers(i)) < 0).all() for i in unknown)
+    return falling and any(
         numbers_bounces(name) and counts(table.texts(i)) for i, (name, _) in enumerate(table.header)
     )
 
@@ -235,17 +247,14 @@ def _leave_counters(table: Table, roles: dict[str, list[int]]) -> None:
     """Leave out columns such as "interval" that count the rows, beside others that have a unit or do
     not count.
     """
-    of_data = [
-        i
-        for role, at in roles.items()
-        for i in at
-        if role in QUANTITY_OF
-        and (table.unit_of(i, QUANTITY_OF[role]) or not counts(table.texts(i)))
-    ]
-    for role in [role for role in roles if role in QUANTITY_OF and of_data]:
-        at = roles[role]
-        roles[role] = [i for i in at if i in of_data]
-        if not roles[role]:
+    of_data = {role: at for role, at in roles.items() if role in QUANTITY_OF}
+    kept = {
+        role: [i for i in at if table.unit_of(i, QUANTITY_OF[role]) or not counts(table.texts(i))]
+        for role, at in of_data.items()
+    }
+    for role in of_data if any(kept.values()) else ():
+        roles[role] = kept[role]
+        if not kept[role]:
             del roles[role]
 
 
@@ -267,17 +276,14 @@ def _with_lone_uncertainty(table: Table, roles: dict[str, list[int]], unknown: l
 def _part_numbered(table: Table, roles: dict[str, list[int]]) -> None:
     """Take two columns that differ by a number, such as h1 and h2, for before and after the impact."""
     for role in ("height", "speed"):
-        numbered = []
-        for i in roles.get(role, []):
-            digits = [meaning for meaning in meanings_of(table.header[i][0]) if meaning.isdigit()]
-            if len(digits) == 1:
-                numbered.append((int(digits[0]), i))
-        if len(numbered) == 2 and len(roles[role]) == 2:
-            numbered.sort()
-            if numbered[1][0] - numbered[0][0] == 1:
-                del roles[role]
-                roles[f"{role}_in"] = [numbered[0][1]]
-                roles[f"{role}_out"] = [numbered[1][1]]
+        at = roles.get(role, [])
+        found = [[*filter(str.isdigit, meanings_of(table.header[i][0]))] for i in at]
+        numbered = sorted(
+            (int(digits[0]), i) for digits, i in zip(found, at, strict=True) if digits
+        )
+        if len(numbered) == len(at) == 2 and numbered[1][0] - numbered[0][0] == 1:
+            del roles[role]
+            roles |= {f"{role}_in": [numbered[0][1]], f"{role}_out": [numbered[1][1]]}
 
 
 def _part_by_others(table: Table, roles: dict[str, list[int]]) -> None:

@@ -10,9 +10,13 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
+from operator import itemgetter
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
+from hcbench.fitting.cells import counts
 from hcbench.fitting.column_names import (
     QUANTITY_OF,
     is_beside,
@@ -33,7 +37,7 @@ if TYPE_CHECKING:
 _CLOCK = r"\d+(?::\d+){1,3}(?:[.,]\d+)?"
 _PLAIN = r"[-+]?(?:\d+(?:[.,]\d+)?|\.\d+)(?:[eEdD][-+]?\d+)?"
 _STAMP = r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:[.,]\d+)?"
-_NUMBER = re.compile(rf"(?<![\w.^])(?:{_STAMP}|{_CLOCK}|{_PLAIN})(?![\w.]*\d)")
+_NUMBER = re.compile(rf"(?<![\w.^])(?:{_STAMP}|{_CLOCK}|{_PLAIN})(?![\w.]*\d|[^\W\d]+\s*=)")
 # The day before a clock's time, which stays: "[12/03/24, 10:14:07]", "11-14 10:15:02.911".
 _DAY = re.compile(
     r"(?<![\w.])(?!\d{4}-\d\d-\d\d[T ])\d{1,4}([-/.])\d{1,2}(?:\1\d{1,4})?[, ]+(?=\d{1,2}:\d\d)"
@@ -46,10 +50,12 @@ _SIGNS = re.compile(r"[=:,;{}\[\]\"|<>\n]+|//")
 _WORD = re.compile(r"[^\W\d][\w./^-]*")
 # Words between the name of a list and its numbers.
 _OF_PROGRAMS = re.compile(
-    r"(?:(?:np|numpy|array|c|list|tuple|series|out|in|double|float|vector|var|let|const|static"
-    r"|u?int\d*(?:_t)?|text|plain)\b[.]?)+",
+    r"(?:(?:np|numpy|array|c|list|tuple|series|out|in|double|float|real|vec|vector|var|let|const"
+    r"|static|u?int\d*(?:_t)?|text|plain)\b[.]?)+",
     re.IGNORECASE,
 )
+# Meanings of words that make another quantity of what they stand before.
+_CHANGES = {"changed", "peak", "upper edge"}
 _OPENING = tuple("=:([{")
 _ARROW = re.compile(r"(?:->|=>|→)\s*$")
 # Letters before a list that may have its name.
@@ -62,10 +68,11 @@ _MOST_CHARACTERS = 400
 
 
 class _Named(NamedTuple):
-    """A number in a line with its name, and the unit there."""
+    """A number in a line with its name and the unit there, and all words before it."""
 
     name: str
     number: str
+    words: str
 
 
 class _Columns(NamedTuple):
@@ -123,10 +130,14 @@ def _of_records(lines: Sequence[tuple[int, str]]) -> _Columns:
         named: dict[int, list[_Named]] = {}
         for group in alike.values():
             named |= zip(group, _named([lines[at][1] for at in group]), strict=True)
-        ways = [
-            _records(lines, named, starts) for starts in alike.values() if len(starts) >= _LEAST
-        ]
-        best = max([best, *ways], key=lambda way: (way.known(), len(way.rows)))
+        groups = [starts for starts in alike.values() if len(starts) >= _LEAST]
+        ways = [_records(lines, named, starts) for starts in groups]
+        found = max(ways, key=lambda way: (way.known(), len(way.rows)), default=best)
+        same = [way.rows for way in ways if any(way.known()) and way.known() == found.known()]
+        if any(a[-1][0] < b[0][0] for a, b in itertools.permutations(same, 2)):
+            # One ball below the other: which one is asked for, nothing says.
+            return _Columns()
+        best = max(best, found, key=lambda way: (way.known(), len(way.rows)))
     return best
 
 
@@ -156,18 +167,22 @@ def _records(
     named: the numbers in each line.
     """
     records: list[dict[str, str]] = []
+    all_words: dict[str, str] = {}
     first = lines[starts[0]][1]
     # "points [1]:" is over the lines of its record.
     over = re.sub(r"[\W\d]+", " ", first).strip() if first.endswith(":") else ""
     has_words = False
-    for begin, end in itertools.pairwise([*starts, len(lines)]):
+    # The last record is no longer than the others.
+    longest = int(max(np.diff(starts)))
+    for begin, end in itertools.pairwise([*starts, min(starts[-1] + longest, len(lines))]):
         record: dict[str, str] = {}
         for at in range(begin, end):
             line = lines[at][1]
             has_words = has_words or "-->" in line or any(map(str.isalpha, line))
-            for name, number in named[at]:
-                if not name:
-                    continue
+            for name, number, words in filter(itemgetter(0), named[at]):
+                if words != all_words.setdefault(name, words):
+                    # One ball beside the other.
+                    return _Columns()
                 called = (
                     f"{over} {name}" if over and role_of(f"{over} {name}") in QUANTITY_OF else name
                 )
@@ -202,15 +217,17 @@ def _named(lines: Sequence[str]) -> Iterator[list[_Named]]:
     """
     parted = [list(_parts(line)) for line in lines]
     names: list[str] = []
+    whole: list[str] = []
     name = ""
-    clocks = 0
-    for places in zip(*parted, strict=True):
+    clocks = [i for i, (_, number, _) in enumerate(parted[0]) if ":" in number]
+    # Of a label, the begin and the end; a clock alone may be of anything.
+    of_clocks = ("start", "stop") if len(clocks) > 1 else ("number",)
+    for i, places in enumerate(zip(*parted, strict=True)):
         befores = [before for before, _, _ in places]
-        words = _phrase(_plain(_repeated(befores)), _unit_after(befores[0], places[0][2]))
-        if ":" in places[0][1]:
-            # Of a label, the begin and the end.
-            words = words if role_of(words) else ("start", "stop")[min(clocks, 1)]
-            clocks += 1
+        whole.append(_plain(_repeated(befores)))
+        words = _phrase(whole[i], _unit_after(befores[0], places[0][2]))
+        if i in clocks:
+            words = words if role_of(words) else of_clocks[min(clocks.index(i), 1)]
         elif meanings_of(words) or not name:
             name = words
         else:
@@ -225,8 +242,8 @@ def _named(lines: Sequence[str]) -> Iterator[list[_Named]]:
                 each[i] = each[i] or each[i + 1]
     for line, each in zip(parted, units, strict=True):
         yield [
-            _Named(f"{name} [{unit}]" if unit else name, number)
-            for name, unit, (_, number, _) in zip(names, each, line, strict=True)
+            _Named(f"{name} [{unit}]" if unit else name, number, words or name)
+            for name, unit, words, (_, number, _) in zip(names, each, whole, line, strict=True)
         ]
 
 
@@ -247,14 +264,16 @@ def _unit_after(before: str, after: str) -> str:
 
 
 def _repeated(texts: Sequence[str]) -> str:
-    """The words of the first text that all of the texts have."""
-    if len(set(texts)) == 1:
-        return texts[0]
-    others = [set(_letters(text)) for text in texts[1:]]
+    """The words of the first text that all of the texts have; "?" where some, but not all, share a word:
+    they tell of several balls.
+    """
+    count = Counter(word for text in texts for word in set(_letters(text)))
+    if not set(count.values()) <= {1, len(texts)}:
+        return "?"
     return "".join(
         part
         for part in re.split(r"(\W+)", texts[0])
-        if all(word in other for word in _letters(part) for other in others)
+        if all(count[word] == len(texts) for word in _letters(part))
     )
 
 
@@ -268,6 +287,8 @@ def _phrase(words: str, unit: str) -> str:
         words = f"{words[: given.start()]} [{given[1]}]"
     words = re.sub(r"^\w+ (?:name|label|title|key) = ", "", words)
     signs = [match.end() for match in re.finditer(r"[\]):;,]\s", words)]
+    # "lost, height"
+    signs = [at for at in signs if not meanings_of(words[:at]) & _CHANGES]
     ways = [words[at:].strip() for at in (0, *signs)]
     headers = {way: f"{way} [{unit}]" if unit else way for way in ways}
     known = (way for way in ways if role_of(*split_header(headers[way])) or is_beside(way))
@@ -289,36 +310,51 @@ def _of_lists(text: str) -> _Columns:
     gaps = [
         _BETWEEN.sub(" ", text[a.end() : b.start()]).strip() for a, b in itertools.pairwise(found)
     ]
-    at = 0
-    for gap, group in itertools.groupby(gaps):
-        first, at = at, at + len(list(group))
-        if at - first < _LEAST_LISTED - 1:
-            continue
+    for first, at, period in (*_runs(gaps, 1), *_runs(gaps, 2)):
+        gap = gaps[first]
+        numbers = [match[0] for match in found[first : at + 1]]
         before = text[: found[first].start()].rstrip().removesuffix(gap).rstrip()
         # A list is in brackets, or after a sign: numbers below a header are a table.
-        if not gap and before[-1:] not in _OPENING:
+        if (not gap or period > 1) and before[-1:] not in _OPENING:
+            continue
+        if period > 1 and not counts(numbers[::2]):
             continue
         inside = text[found[first].end() : found[at].start()]
         is_over = text[: found[first].start()].rstrip(" \t")[-1:] in ("=", ":")
         if is_over and inside.count("\n") == at - first:
             # "rows: 1" is over a column, and no part of it.
             continue
-        after = text[found[at].end() : found[at].end() + _BEFORE].partition("\n")[0]
+        # Up to the next name in the line.
+        after = re.split(r"[\n:]", text[found[at].end() : found[at].end() + _BEFORE], maxsplit=1)[0]
         name = _name_of(before[-_BEFORE:], f"{gap.replace('.', ' ')} {after}")
         if name:
-            columns.setdefault(name, [match[0] for match in found[first : at + 1]])
+            columns.setdefault(name, numbers[period - 1 :: period])
     count = max(map(len, columns.values()), default=0)
     padded = [[*numbers, *[""] * (count - len(numbers))] for numbers in columns.values()]
     return _Columns(tuple(columns), tuple((1, row) for row in zip(*padded, strict=True)))
+
+
+def _runs(gaps: Sequence[str], period: int) -> Iterator[tuple[int, int, int]]:
+    """First and last numbers of lists whose gaps are the same again after `period`, and the period: 2
+    of "{1: 0.32, 2: 0.61}".
+    """
+    at = 0
+    for is_same, group in itertools.groupby(a == b for a, b in zip(gaps, gaps[period:])):  # noqa: B905
+        first, at = at, at + len(list(group))
+        last = at + period
+        if is_same and last - first >= period * _LEAST_LISTED - 1:
+            yield first, last, period
 
 
 def _name_of(before: str, after: str) -> str:
     """The last name of a column before a list, with a unit that stands near it; "" for none, or where
     the last name is of something else, such as heights lost.
     """
+    if meanings_of(before.rpartition("\n")[2]) & _CHANGES:
+        return ""
     phrases = [
         " ".join(word for word in _WORD.findall(part) if not _OF_PROGRAMS.fullmatch(word))
-        for part in _SIGNS.split(re.sub(r"[(#]", " ", before))
+        for part in _SIGNS.split(re.sub(r"[(#]|<[^<>\n]*>", " ", before))
     ]
     for phrase in filter(None, reversed(phrases)):
         name, unit = split_header(phrase)

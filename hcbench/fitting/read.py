@@ -82,6 +82,8 @@ _OF_E = 0.05
 _ONE_SPEED = 1e-6
 # Flights that are all shorter, s, are those of no ball one sees: contacts, or another unit.
 _SHORTEST = 10e-3
+# The same of flights that are all longer: those of a ball from 120 m.
+_LONGEST = 10.0
 # Roles that leave a column of times to mean something else than touches.
 _OF_SOMETHING_ELSE = frozenset({"height_in", "speed", "speed_in", "speed_out"})
 # Meanings of a column by which rows differ.
@@ -503,8 +505,10 @@ def _touch_times(
     if len(times) < setup.least_touches:
         raise too_few_touches(name, len(times), setup.least_touches)
     _require_few(name, len(times), "times")
-    if len(times) > 1 and np.diff(times).max() < _SHORTEST:
-        got = f"flights of at most {np.diff(times).max():.2g} s"
+    flights = np.diff(times)
+    if len(times) > 1 and (flights.max() < _SHORTEST or flights.min() > _LONGEST):
+        got = f"flights of at {'most' if flights.max() < _SHORTEST else 'least'} "
+        got += f"{flights.max() if flights.max() < _SHORTEST else flights.min():.2g} s"
         raise UserError(name, got, "those of a bouncing ball", "Look at the unit")
     if setup.contact_time.value >= np.diff(times).min():
         got = f"{setup.contact_time.value:g} s, and two touches {np.diff(times).min():.3g} s apart"

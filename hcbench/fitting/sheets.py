@@ -13,7 +13,6 @@ from html.parser import HTMLParser
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
-from hcbench.fitting.cells import looks_numeric
 from hcbench.fitting.column_names import (
     explained,
     is_short_latin,
@@ -184,14 +183,8 @@ def _of_text(name: str, text: str) -> Sheet:
     begin = text.lstrip()[:1]
     if begin in ("{", "["):
         try:
-            sheet = _of_json(name, parse_json(text))
-            cells = list(filter(None, sheet.rows[-1][1]))
-            # The text of a notebook is among what it says of itself.
-            return (
-                sheet
-                if 2 * sum(map(looks_numeric, cells)) >= len(cells)
-                else replace(sheet, text=text)
-            )
+            # The text of a notebook or a chat is among what it says of itself.
+            return replace(_of_json(name, parse_json(text)), text=text)
         except ValueError:
             records = _of_json_lines(text)
             if records:

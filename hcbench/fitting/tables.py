@@ -60,6 +60,11 @@ _RATE_IN_WORDS = re.compile(
     r"(\d+(?:[.,]\d+)?)\s*(?:fps|hz|frames\s*per\s*s|[^\W\d_]{4,}\s*/\s*[sс]\b)", re.IGNORECASE
 )
 
+# "clicks in seconds", "heights (cm)", "touches, in ms".
+_UNIT_IN_WORDS = re.compile(
+    r"(?:\bin\s+|\ben\s+|[(\[])([^\W\d_][^\W\d_/]*(?:/\w+)?)(?=[)\]\s.,;:]|$)(?!\W*\d)"
+)
+
 
 def tables_of(sheet: Sheet) -> list[Table]:
     """The tables of a sheet: one below the other, and drops side by side.
@@ -341,6 +346,9 @@ def _said_before(rows: list[tuple[str, ...]]) -> tuple[float | None, dict[str, s
             elif meaning == "dimension of x" and role_of(value.lower()) == "time":
                 # LabVIEW counts its x in s and names it x_value.
                 written |= {"x": "time", "time": "s"}
+        for unit in map(plain_unit, _UNIT_IN_WORDS.findall(text) if len(cells) == 1 else ()):
+            quantities = [of for of in QUANTITIES_OF_COLUMNS if is_unit_of(unit, of)]
+            written |= {of: unit for of in quantities if of not in written}
         match = _RATE_IN_WORDS.search(text)
         if match is not None:
             frequency = frequency or float(match[1].replace(",", "."))
