@@ -18,27 +18,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
 # Cells without a number.
-MISSING = frozenset(
-    [
-        "",
-        "-",
-        "--",
-        "---",
-        "–",
-        "—",
-        "na",
-        "n/a",
-        "nan",
-        "null",
-        "none",
-        "#n/a",
-        "#value!",
-        "missing",
-        "?",
-        "*",
-        ".",
-    ]
-)
+MISSING = {
+    *("", "-", "--", "---", "–", "—", "na", "n/a", "nan", "null", "none", "#n/a", "#value!"),
+    *("missing", "?", "*", "."),
+}
 # Signs between thousands that are never decimal signs.
 _BLANKS = "  \u2009\u202f'’"
 _EXPONENT = (

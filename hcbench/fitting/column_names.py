@@ -127,17 +127,8 @@ _BY_QUANTITY = {
 # Columns that say nothing of the bounces, where a name has these meanings alone. Any other column
 # of numbers may change what the rest means: a time beside a temperature may be a log of something else.
 _BESIDE = {
-    "number",
-    "trial",
-    "beside",
-    "vertical",
-    "bounce",
-    "touch",
-    "drop",
-    "mean",
-    "before",
-    "frame",
-    "sample",
+    *("number", "trial", "beside", "vertical", "bounce", "touch", "drop", "mean", "before"),
+    *("frame", "sample"),
 }
 # Quantities that units of columns are of.
 QUANTITIES_OF_COLUMNS = ("time", "position", "speed", "force")
@@ -150,22 +141,10 @@ _BRACKETS = (
     re.compile(r"\{\s*([^{}]*?)\s*\}"),
 )
 # What a word in brackets may add to a name: "v (in)", "e (mean)", "u(v)".
-_IN_BRACKETS = frozenset(
-    [
-        "before",
-        "after",
-        "mean",
-        "touch",
-        "bounce",
-        "drop",
-        "vertical",
-        "x",
-        "y",
-        "z",
-        "peak",
-        "uncertainty",
-    ]
-)
+_IN_BRACKETS = {
+    *("before", "after", "mean", "touch", "bounce", "drop", "vertical", "x", "y", "z", "peak"),
+    *("uncertainty"),
+}
 _RUN = re.compile(
     r"\s*(?:[,;:|-]\s*)?\b(?:run|data set|dataset|set|latest|mass [a-z]|mass_[a-z])\b\s*#?\s*\d*\s*:?\s*",
     re.IGNORECASE,

@@ -122,15 +122,17 @@ def columns_of(table: Table, asked: str | None = None) -> DataColumns:
     """
     roles: dict[str, list[int]] = {}
     unknown: list[int] = []
-    # Columns that say what the rows are, such as "person": bounces have other names.
+    # Columns that say what the rows are, by numbers or by words, such as "person": bounces have
+    # other names.
     of_rows: list[int] = []
+    of_things: list[int] = []
     for i, (name, unit) in enumerate(table.header):
         role = role_of(name, unit)
         cells = table.texts(i)
         if not table.has_number(i) and (not role or not any(table.is_given(i))):
             _require_one_ball(table, i)
             if name and not is_beside(name) and len(set(cells)) == len(cells) > _LEAST_NAMED:
-                of_rows.append(i)
+                of_things.append(i)
         elif role:
             roles.setdefault(role, []).append(i)
         elif not is_beside(name) and (name or not counts(cells)):
@@ -146,10 +148,11 @@ def columns_of(table: Table, asked: str | None = None) -> DataColumns:
         places[role] = at[0] if len(at) == 1 else _one_of(table, role, at, roles)
     columns = DataColumns(table, places)
     kind = asked or kind_of(columns.roles)
+    if kind == "heights":
+        unknown, of_rows = unknown + of_things, of_rows + of_things
     is_doubtful = kind is None or (
         kind in _ALONE and kind != asked and (of_rows or not _is_sure(columns, unknown))
     )
-    unknown += [i for i in of_rows if i not in unknown]
     nameless = [i for i in unknown if not table.header[i][0]]
     if nameless:
         # More numbers in a row than names, such as two for "1,5": which is whose cannot be told.
@@ -210,7 +213,7 @@ def _numbers_of_rows(columns: DataColumns) -> Iterator[tuple[str, Floats]]:
     table = columns.table
     for at, (name, unit) in enumerate(table.header):
         is_data = at in {columns.places[role] for role in columns.roles & columns.places.keys()}
-        if unit or is_data:
+        if unit or is_data or any(":" in text for text in table.texts(at)):
             continue
         numbers = table.numbers(at)
         is_whole = bool(np.isfinite(numbers).all()) and np.array_equal(numbers, np.round(numbers))

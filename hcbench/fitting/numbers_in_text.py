@@ -220,8 +220,8 @@ def _named(lines: Sequence[str]) -> Iterator[list[_Named]]:
     whole: list[str] = []
     name = ""
     clocks = [i for i, (_, number, _) in enumerate(parted[0]) if ":" in number]
-    # Of a label, the begin and the end; a clock alone may be of anything.
-    of_clocks = ("start", "stop") if len(clocks) > 1 else ("number",)
+    # Of a label, the begin and the end; a clock alone is of touches where its times are a train.
+    of_clocks = ("start", "stop") if len(clocks) > 1 else ("touch",)
     for i, places in enumerate(zip(*parted, strict=True)):
         befores = [before for before, _, _ in places]
         whole.append(_plain(_repeated(befores)))
@@ -242,7 +242,7 @@ def _named(lines: Sequence[str]) -> Iterator[list[_Named]]:
                 each[i] = each[i] or each[i + 1]
     for line, each in zip(parted, units, strict=True):
         yield [
-            _Named(f"{name} [{unit}]" if unit else name, number, words or name)
+            _Named(f"{name} [{unit}]" if unit else name, number, words if _letters(words) else name)
             for name, unit, words, (_, number, _) in zip(names, each, whole, line, strict=True)
         ]
 

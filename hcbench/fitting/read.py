@@ -153,7 +153,7 @@ def _read(
             continue
         try:
             with explained(table.name, table.header), computed(table.name):
-                columns, of_kind = _understood(table, kind, setup)
+                columns, of_kind = _understood(table, kind)
                 if of_kind in ("force", "loop"):
                     got = "forces among other files"
                     raise UserError(table.name, got, "one file of forces alone")
@@ -226,9 +226,7 @@ def _begins_with(longer: Dataset, data: Dataset) -> bool:
     )
 
 
-def _understood(
-    table: Table, asked: str | None, setup: MeasurementSetup
-) -> tuple[DataColumns, str]:
+def _understood(table: Table, asked: str | None) -> tuple[DataColumns, str]:
     """The columns of a table by role, rows without a reading left out and times rising, and the kind of
     data.
 
@@ -347,7 +345,7 @@ def _force_columns(path: Path, kind: str | None) -> tuple[DataColumns, str] | No
         ):
             continue
         with explained(table.name, table.header):
-            columns = columns_of(table, kind)
+            columns = columns_of(completed(table, kind)[0], kind)
             if "force" not in columns.roles:
                 continue
             if kind is None and kind_of(columns.roles) not in ("force", "loop"):
@@ -506,9 +504,10 @@ def _touch_times(
         raise too_few_touches(name, len(times), setup.least_touches)
     _require_few(name, len(times), "times")
     flights = np.diff(times)
-    if len(times) > 1 and (flights.max() < _SHORTEST or flights.min() > _LONGEST):
-        got = f"flights of at {'most' if flights.max() < _SHORTEST else 'least'} "
-        got += f"{flights.max() if flights.max() < _SHORTEST else flights.min():.2g} s"
+    if len(flights) and (flights.max() < _SHORTEST or flights.min() > _LONGEST):
+        is_short = flights.max() < _SHORTEST
+        bound = f"most {flights.max():.2g}" if is_short else f"least {flights.min():.2g}"
+        got = f"flights of at {bound} s"
         raise UserError(name, got, "those of a bouncing ball", "Look at the unit")
     if setup.contact_time.value >= np.diff(times).min():
         got = f"{setup.contact_time.value:g} s, and two touches {np.diff(times).min():.3g} s apart"

@@ -40,26 +40,9 @@ _OLD_WORKBOOK = b"\xd0\xcf\x11\xe0"
 _ARCHIVE = b"PK\3\4"
 # Encodings of text that is not in UTF: the first is taken where no word tells.
 _ENCODINGS = (
-    "cp1252",
-    "cp1250",
-    "cp1251",
-    "cp1253",
-    "cp1254",
-    "cp1255",
-    "cp1256",
-    "cp1257",
-    "cp1258",
-    "cp874",
-    "cp932",
-    "euc_jp",
-    "gb18030",
-    "big5",
-    "cp949",
-    "koi8_r",
-    "cp866",
-    "cp852",
-    "cp850",
-    "mac_roman",
+    *("cp1252", "cp1250", "cp1251", "cp1253", "cp1254", "cp1255", "cp1256", "cp1257", "cp1258"),
+    *("cp874", "cp932", "euc_jp", "gb18030", "big5", "cp949", "koi8_r", "cp866", "cp852"),
+    *("cp850", "mac_roman"),
 )
 # Arabic signs of decimals, of thousands and between cells; marks of the direction of writing.
 _SIGNS_OF_NUMBERS = {0x66B: ".", 0x66C: "'", 0x61B: ";", 0x60C: ","} | dict.fromkeys(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -26,33 +25,21 @@ from hcbench.fitting.drops import LEAST_ROWS, drops_of
 from hcbench.fitting.separators import listed_names, names_in_brackets
 from hcbench.fitting.table import Table
 from hcbench.system.errors import UserError
-from hcbench.terms import units
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from hcbench.fitting.cells import NumberCell, NumberStyle
+    from hcbench.fitting.cells import NumberStyle
     from hcbench.fitting.separators import Row
     from hcbench.fitting.sheets import Sheet
 
 # Rows above the numbers that may have names or units.
 _MOST_HEADER_ROWS = 6
 # Words before a number over the rows above.
-_SUMS = (
-    "sum",
-    "total",
-    "min",
-    "max",
-    "minimum",
-    "maximum",
-    "count",
-    "range",
-    "summe",
-    "somme",
-    "suma",
-    "var",
-    "variance",
-)
+_SUMS = {
+    *("sum", "total", "min", "max", "minimum", "maximum", "count", "range", "summe", "somme"),
+    *("suma", "var", "variance"),
+}
 # Quantities whose units a line before the table may name.
 _UNITS_OF = {"unit of length": "position", "unit of time": "time"}
 # "240 fps", "120 frames per second", "120 images/s", "30 кадров/с".
@@ -182,7 +169,7 @@ def _table(name: str, rows: list[Row], above: list[tuple[str, ...]]) -> Table:
         units=tuple(written.items()),
     )
     with explained(name, table.header):
-        table = _in_one_unit(replace(table, style=_style(table)))
+        table = replace(table, style=_style(table))
         for row, line in zip(table.cells, table.lines, strict=True):
             if any(row[len(header) :]):
                 got = f"{len(row)} cells"
@@ -362,42 +349,6 @@ def _said_before(rows: list[tuple[str, ...]]) -> tuple[float | None, dict[str, s
 def _style(table: Table) -> NumberStyle:
     """The style of a table's numbers. Raises UserError for those that can be read in two ways."""
     return style_of(table.name, [table.texts(i) for i in range(len(table.header))])
-
-
-def _in_one_unit(table: Table) -> Table:
-    """The table with the cells of each column in one unit: that of the header, or of the first cell."""
-    cells = [list(row) for row in table.cells]
-    header = list(table.header)
-    for at, (name, unit) in enumerate(table.header):
-        read = [table.style.read(text) for text in table.texts(at)]
-        written = [plain_unit(cell.unit) if cell and cell.unit else "" for cell in read]
-        first = next(filter(None, written), "")
-        wanted = unit or first
-        quantity = next((of for of in QUANTITIES_OF_COLUMNS if is_unit_of(wanted, of)), "")
-        is_mixed = any(one and one != wanted for one in written) and quantity
-        if not is_mixed or not all(is_unit_of(one, quantity) for one in filter(None, written)):
-            continue
-        if not unit and not all(written[i] for i, cell in enumerate(read) if cell):
-            # Whether the cells without a unit have that of the others, nothing says.
-            continue
-        for i, cell in enumerate(read):
-            if cell and written[i] and written[i] != wanted:
-                ratio = units.parse(f"1 {written[i]}", quantity, name) / units.parse(
-                    f"1 {wanted}", quantity, name
-                )
-                cells[i][at] = _as_text(cell, ratio, table.style)
-            elif cell and not unit:
-                cells[i][at] = _as_text(cell, 1.0, table.style)
-        header[at] = (name, wanted)
-    return replace(table, header=tuple(header), cells=tuple(map(tuple, cells)))
-
-
-def _as_text(cell: NumberCell, ratio: float, style: NumberStyle) -> str:
-    """A cell in another unit, `ratio` of which is one of its own."""
-    numbers = [
-        f"{one * ratio:.12g}" for one in (cell.value, cell.uncertainty) if not math.isnan(one)
-    ]
-    return " ± ".join(numbers).replace(".", style.decimal)
 
 
 def _is_label(cells: Sequence[str], width: int) -> bool:
