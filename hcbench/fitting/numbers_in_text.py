@@ -51,7 +51,7 @@ _WORD = re.compile(r"[^\W\d][\w./^-]*")
 # Words between the name of a list and its numbers.
 _OF_PROGRAMS = re.compile(
     r"(?:(?:np|numpy|array|c|list|tuple|series|out|in|double|float|real|vec|vector|var|let|const"
-    r"|static|u?int\d*(?:_t)?|text|plain)\b[.]?)+",
+    r"|static|u?int\d*(?:_t)?|text|plain|time\.duration)\b[.]?)+",
     re.IGNORECASE,
 )
 # Meanings of words that make another quantity of what they stand before.
@@ -120,38 +120,30 @@ def _lines(text: str) -> list[tuple[int, str]]:
 
 def _of_records(lines: Sequence[tuple[int, str]]) -> _Columns:
     """Columns of records of one or more lines each, by the lines that are alike with which they
-    begin: alike in all words, or in the last word before each number and in the unit after it.
+    begin: alike in the words before each number that the text repeats, and in the unit after it.
     """
-    best = _Columns()
-    for likeness in (_masked, _places):
-        alike: defaultdict[object, list[int]] = defaultdict(list)
-        for at, (_, line) in enumerate(lines):
-            alike[likeness(line), len([*_NUMBER.finditer(line)])].append(at)
-        named: dict[int, list[_Named]] = {}
-        for group in alike.values():
-            named |= zip(group, _named([lines[at][1] for at in group]), strict=True)
-        groups = [starts for starts in alike.values() if len(starts) >= _LEAST]
-        ways = [_records(lines, named, starts) for starts in groups]
-        found = max(ways, key=lambda way: (way.known(), len(way.rows)), default=best)
-        same = [way.rows for way in ways if any(way.known()) and way.known() == found.known()]
-        if any(a[-1][0] < b[0][0] for a, b in itertools.permutations(same, 2)):
-            # One ball below the other: which one is asked for, nothing says.
-            return _Columns()
-        best = max(best, found, key=lambda way: (way.known(), len(way.rows)))
+    count = Counter(word for _, line in lines for word in set(_letters(line)))
+    alike: defaultdict[tuple[tuple[str, ...], ...], list[int]] = defaultdict(list)
+    for at, (_, line) in enumerate(lines):
+        place = (
+            (
+                *(word for word in _letters(before) if count[word] >= _LEAST),
+                _unit_after(before, after),
+            )
+            for before, _, after in _parts(line)
+        )
+        alike[tuple(place)].append(at)
+    named: dict[int, list[_Named]] = {}
+    for group in alike.values():
+        named |= zip(group, _named([lines[at][1] for at in group]), strict=True)
+    groups = [starts for key, starts in alike.items() if key and len(starts) >= _LEAST]
+    ways = [_records(lines, named, starts) for starts in groups]
+    best = max(ways, key=lambda way: (way.known(), len(way.rows)), default=_Columns())
+    same = [way.rows for way in ways if any(way.known()) and way.known() == best.known()]
+    if any(a[-1][0] < b[0][0] for a, b in itertools.permutations(same, 2)):
+        # One ball below the other: which one is asked for, nothing says.
+        return _Columns()
     return best
-
-
-def _masked(line: str) -> str:
-    """A line with a mark in place of each number, and of words in quotes."""
-    return re.sub(r"\d+", "0", re.sub(r"([\"'])[^\"'=<>]*\1", "'0'", _NUMBER.sub("\0", line)))
-
-
-def _places(line: str) -> tuple[tuple[str, str], ...]:
-    """The last word before each number of a line, and the unit after it."""
-    return tuple(
-        ("".join(_letters(before)[-1:]), _unit_after(before, after))
-        for before, _, after in _parts(line)
-    )
 
 
 def _letters(text: str) -> list[str]:
@@ -227,7 +219,9 @@ def _named(lines: Sequence[str]) -> Iterator[list[_Named]]:
         whole.append(_plain(_repeated(befores)))
         words = _phrase(whole[i], _unit_after(befores[0], places[0][2]))
         if i in clocks:
+            is_changed = meanings_of(lines[0]) & _CHANGES
             words = words if role_of(words) else of_clocks[min(clocks.index(i), 1)]
+            words = "other" if is_changed else words
         elif meanings_of(words) or not name:
             name = words
         else:
@@ -264,17 +258,16 @@ def _unit_after(before: str, after: str) -> str:
 
 
 def _repeated(texts: Sequence[str]) -> str:
-    """The words of the first text that all of the texts have; "?" where some, but not all, share a word:
-    they tell of several balls.
+    """The words of the first text that all of the texts have; "other" where one is apart from them,
+    as in "steel: bounce height", which tells of several balls.
     """
-    count = Counter(word for text in texts for word in set(_letters(text)))
-    if not set(count.values()) <= {1, len(texts)}:
-        return "?"
-    return "".join(
-        part
-        for part in re.split(r"(\W+)", texts[0])
-        if all(count[word] == len(texts) for word in _letters(part))
-    )
+    others = [set(_letters(text)) for text in texts[1:]]
+    parts = re.split(r"(\W+)", texts[0])
+    kept = [all(word in other for word in _letters(part) for other in others) for part in parts]
+    changing = "".join(parts[: len(parts) - kept[::-1].index(False)] if not all(kept) else [])
+    if changing and re.search(r"[:,;].*[^\W\d]", texts[0][len(changing) :]):
+        return "other"
+    return "".join(itertools.compress(parts, kept))
 
 
 def _phrase(words: str, unit: str) -> str:
@@ -346,17 +339,21 @@ def _runs(gaps: Sequence[str], period: int) -> Iterator[tuple[int, int, int]]:
             yield first, last, period
 
 
+def _without_types(text: str) -> str:
+    """The words of a text without those of programs before a list."""
+    return " ".join(word for word in _WORD.findall(text) if not _OF_PROGRAMS.fullmatch(word))
+
+
 def _name_of(before: str, after: str) -> str:
     """The last name of a column before a list, with a unit that stands near it; "" for none, or where
     the last name is of something else, such as heights lost.
     """
-    if meanings_of(before.rpartition("\n")[2]) & _CHANGES:
+    *_, line = before.splitlines()
+    if meanings_of(_without_types(line)) & _CHANGES:
         return ""
-    phrases = [
-        " ".join(word for word in _WORD.findall(part) if not _OF_PROGRAMS.fullmatch(word))
-        for part in _SIGNS.split(re.sub(r"[(#]|<[^<>\n]*>", " ", before))
-    ]
-    for phrase in filter(None, reversed(phrases)):
+    plain = re.sub(r"[(#]|<[^<>\n]*>", " ", before)
+    phrases = map(_without_types, _SIGNS.split(plain)[::-1])
+    for phrase in filter(None, phrases):
         name, unit = split_header(phrase)
         role = role_of(name, unit)
         if role in QUANTITY_OF:

@@ -215,7 +215,7 @@ def _score(texts: Sequence[str], separator: str) -> tuple[float, int, int]:
         widths[len(cells)] = widths.get(len(cells), 0.0) + numeric * share**2
         first.setdefault(len(cells), at)
         heads.setdefault(len(cells), []).append(cells[0])
-        full[len(cells)] = max(full.get(len(cells), 0), len([*_trimmed(cells)]))
+        full[len(cells)] = max(full.get(len(cells), 0), len(trimmed(cells)))
     if not widths:
         return 0.0, 0, len(texts)
     of_width = {}
@@ -225,7 +225,7 @@ def _score(texts: Sequence[str], separator: str) -> tuple[float, int, int]:
         for at in range(first[width]):
             for way in header_cells(texts[at], separator, width):
                 known = any(role_of(*split_header(cell)) for cell in way)
-                fits = {len(way), len(_trimmed(way))} & {width, full[width]}
+                fits = {len(way), len(trimmed(way))} & {width, full[width]}
                 # The index of the rows may have no name.
                 if fits or (known and is_counted and len(way) == width - 1):
                     worth = max(worth, 10.0 if known else 2.0)
@@ -241,12 +241,12 @@ def _known_names(texts: Sequence[str], separator: str) -> int:
     return sum(role_of(*split_header(cell)) != "" for cell in cells)
 
 
-def _trimmed(cells: Sequence[str]) -> list[str]:
+def trimmed(cells: Sequence[str]) -> tuple[str, ...]:
     """Cells without the empty ones at their end."""
-    kept = list(cells)
-    while kept and not kept[-1]:
-        kept.pop()
-    return kept
+    count = len(cells)
+    while count and not cells[count - 1]:
+        count -= 1
+    return tuple(cells[:count])
 
 
 def header_cells(text: str, separator: str, width: int) -> Iterator[list[str]]:
@@ -338,5 +338,5 @@ def listed_names(lines: Sequence[str], count: int) -> tuple[str, ...]:
 def _are_names(way: Sequence[str], count: int) -> bool:
     """Say whether texts name `count` columns: "rate = 240" has a value, and names nothing."""
     return len(way) == count > 1 and all(
-        _is_known(one) and not set(one) & {"=", ":"} for one in way
+        _is_known(one) and not set(one) & {"=", ":", "<"} for one in way
     )

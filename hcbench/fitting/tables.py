@@ -22,7 +22,7 @@ from hcbench.fitting.column_names import (
     split_header,
 )
 from hcbench.fitting.drops import LEAST_ROWS, drops_of
-from hcbench.fitting.separators import listed_names, names_in_brackets
+from hcbench.fitting.separators import listed_names, names_in_brackets, trimmed
 from hcbench.fitting.table import Table
 from hcbench.system.errors import UserError
 
@@ -144,7 +144,7 @@ def _names(cells: Sequence[str]) -> int:
 def _table(name: str, rows: list[Row], above: list[tuple[str, ...]]) -> Table:
     """The table in these rows, below others. Raises UserError, `explained`, where there is none."""
     begin, end = _block(name, rows)
-    width = max(len(_trimmed(cells)) for _, cells in rows[begin:end])
+    width = max(len(trimmed(cells)) for _, cells in rows[begin:end])
     # "Run 2", alone in its line, parts drops.
     body = [row for row in rows[begin:end] if not _is_label(row[1], width)]
     header, before = _header(rows[:begin], body, width)
@@ -196,9 +196,9 @@ def _block(name: str, rows: list[Row]) -> tuple[int, int]:
         with explained(name, header):
             raise UserError(name, got, "a header and rows of numbers")
     above = max((i for i in range(start) if _names(rows[i][1])), default=-1)
-    width = len(_trimmed(rows[start][1]))
+    width = len(trimmed(rows[start][1]))
     begin = next(
-        i for i in range(above + 1, start + 1) if is_data[i] and len(_trimmed(rows[i][1])) == width
+        i for i in range(above + 1, start + 1) if is_data[i] and len(trimmed(rows[i][1])) == width
     )
     end = next((i for i in range(start, len(rows)) if _sums_up(rows[i][1])), len(rows))
     return begin, end
@@ -212,14 +212,6 @@ def _sums_up(cells: Sequence[str]) -> bool:
     )
 
 
-def _trimmed(cells: Sequence[str]) -> tuple[str, ...]:
-    """Cells without the empty ones at their end."""
-    count = len(cells)
-    while count and not cells[count - 1]:
-        count -= 1
-    return tuple(cells[:count])
-
-
 def _header(
     above: list[Row], body: list[Row], width: int
 ) -> tuple[tuple[tuple[str, str], ...], list[tuple[str, ...]]]:
@@ -228,7 +220,7 @@ def _header(
     body: the rows of numbers; width: their cells. Names may have a row of units below them, a row
     of groups above them, as motion capture writes it, or be missing: then all are "".
     """
-    rows = [_trimmed(cells) for _, cells in above]
+    rows = [trimmed(cells) for _, cells in above]
     near = [
         i
         for i in range(max(0, len(rows) - _MOST_HEADER_ROWS), len(rows))
@@ -353,7 +345,7 @@ def _style(table: Table) -> NumberStyle:
 
 def _is_label(cells: Sequence[str], width: int) -> bool:
     """Say whether a row of a table of `width` columns has a word alone, such as "Run 2"."""
-    given = _trimmed(cells)
+    given = trimmed(cells)
     if len(given) != 1 or looks_numeric(given[0]):
         return False
     words = {meaning for meaning in meanings_of(given[0]) if not meaning.isdigit()}
