@@ -120,19 +120,18 @@ def _lines(text: str) -> list[tuple[int, str]]:
 
 def _of_records(lines: Sequence[tuple[int, str]]) -> _Columns:
     """Columns of records of one or more lines each, by the lines that are alike with which they
-    begin: alike in the words before each number that the text repeats, and in the unit after it.
+    begin: alike in the last word before each number, in all that the text repeats, and in the unit.
     """
     count = Counter(word for _, line in lines for word in set(_letters(line)))
+
+    def place(before: str, after: str) -> tuple[str, ...]:
+        words = _letters(before)
+        repeated = (word for word in words if count[word] >= _LEAST or word == words[-1])
+        return (*repeated, _unit_after(before, after))
+
     alike: defaultdict[tuple[tuple[str, ...], ...], list[int]] = defaultdict(list)
     for at, (_, line) in enumerate(lines):
-        place = (
-            (
-                *(word for word in _letters(before) if count[word] >= _LEAST),
-                _unit_after(before, after),
-            )
-            for before, _, after in _parts(line)
-        )
-        alike[tuple(place)].append(at)
+        alike[tuple(place(before, after) for before, _, after in _parts(line))].append(at)
     named: dict[int, list[_Named]] = {}
     for group in alike.values():
         named |= zip(group, _named([lines[at][1] for at in group]), strict=True)
@@ -219,7 +218,7 @@ def _named(lines: Sequence[str]) -> Iterator[list[_Named]]:
         whole.append(_plain(_repeated(befores)))
         words = _phrase(whole[i], _unit_after(befores[0], places[0][2]))
         if i in clocks:
-            is_changed = meanings_of(lines[0]) & _CHANGES
+            is_changed = meanings_of(places[0][2]) & _CHANGES
             words = words if role_of(words) else of_clocks[min(clocks.index(i), 1)]
             words = "other" if is_changed else words
         elif meanings_of(words) or not name:

@@ -193,7 +193,9 @@ def _in_unit(cell: NumberCell, unit: str) -> NumberCell:
     if not quantity:
         return cell
     ratio = units.parse(f"1 {own}", quantity, own) / units.parse(f"1 {unit}", quantity, unit)
-    return NumberCell(cell.value * ratio, cell.uncertainty * ratio, unit)
+    # 1301 mm are 130.1 cm, to the last digit.
+    value, uncertainty = (float(f"{one * ratio:.12g}") for one in (cell.value, cell.uncertainty))
+    return NumberCell(value, uncertainty, unit)
 
 
 @contextmanager

@@ -47,9 +47,9 @@ _RATE_IN_WORDS = re.compile(
     r"(\d+(?:[.,]\d+)?)\s*(?:fps|hz|frames\s*per\s*s|[^\W\d_]{4,}\s*/\s*[sс]\b)", re.IGNORECASE
 )
 
-# "clicks in seconds", "heights (cm)", "touches, in ms".
+# "clicks in seconds", "heights (cm)", "touches, in ms"; no "ball(s)", and no "v (in)".
 _UNIT_IN_WORDS = re.compile(
-    r"(?:\bin\s+|\ben\s+|[(\[])([^\W\d_][^\W\d_/]*(?:/\w+)?)(?=[)\]\s.,;:]|$)(?!\W*\d)"
+    r"(?:\bin\s+|\ben\s+|(?<!\w)[(\[](?!in\b))([^\W\d_][^\W\d_/]*(?:/\w+)?)(?=[)\]\s.,;:]|$)(?!\W*\d)"
 )
 
 
