@@ -153,15 +153,7 @@ _BEFORE_UNIT = re.compile(r"\s*/\s*|_|\s*,\s*|\s+(?:in|en)\s+|\s+")
 _OF_R = re.compile(r"(\S+?)\.{2,3}([a-zA-Zµ]+(?:\.[a-z]+)?)\.?")
 # "m s^-1" and "m*s^-1" are m/s.
 _BY_POWER = re.compile(r"([a-zµ]+)[\s*]([sh])\^-1")
-_SIGNS = {
-    "-": "before",
-    "−": "before",
-    "–": "before",
-    "+": "after",
-    "'": "after",
-    "′": "after",
-    "’": "after",
-}
+_SIGNS = dict.fromkeys("-−–", "before") | dict.fromkeys("+'′’", "after")
 _SIGNED = re.compile(r"([a-zA-Z]+)\s*[_^]*\{?\s*([-−–+'′’])\}?")
 _DELTA = re.compile(r"^[δ∆]\s*_?\s*([a-z])\b")
 # Thai, Chinese, Japanese and Korean part no words by blanks, or not always.
@@ -414,12 +406,8 @@ def numbers_bounces(name: str) -> bool:
 
 def is_group(name: str) -> bool:
     """Say whether a column tells one ball or plate from another."""
-    return meanings_of(name) == {"group"} or _words(name) in (
-        ["ball"],
-        ["plate"],
-        ["kugel"],
-        ["balle"],
-    )
+    is_thing = " ".join(_words(name)) in ("ball", "plate", "kugel", "balle")
+    return is_thing or meanings_of(name) == {"group"}
 
 
 def of_file(name: str) -> str:
