@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 # Two columns of one quantity are the same where they differ by no more than this share: rounding.
 _SAME = 2e-3
-# Rows with a name each, at least, that are no bounces.
+# Rows with a name each, at least, that are something else than bounces.
 _LEAST_NAMED = 2
 # Kinds of one column: any other column of numbers may change what it means.
 _ALONE = ("times", "heights")
@@ -117,7 +117,7 @@ def columns_of(table: Table, asked: str | None = None) -> DataColumns:
 
     Raises UserError for two columns of one quantity that differ, for rows of several balls, for a
     column of numbers without a name that does not count the rows, and for one that may change what
-    the only known one means: beside times that are no train of bounces, and heights that no column
+    the only known one means: beside times whose flights do not shrink, and heights that no column
     counts.
     """
     roles: dict[str, list[int]] = {}

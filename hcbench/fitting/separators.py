@@ -205,7 +205,7 @@ def _score(texts: Sequence[str], separator: str) -> tuple[float, int, int]:
             # "0,05" is no 0 and 05.
             numeric = 0
         if of_file(cells[0]) and not looks_numeric(cells[0]):
-            # "fps,240" is no row.
+            # "fps,240" tells of the file.
             numeric = 0
         empty = sum(map(is_missing, cells))
         if not numeric or 2 * (numeric + empty) < len(cells):
