@@ -204,7 +204,7 @@ def read_pairs(path: Path) -> Pairs:
     Raises UserError with the file, the line, what it has and what was expected: for other columns,
     a speed not above 0 or given twice, an e outside 0 ... 1, and more than MOST pairs.
     """
-    from hcbench.fitting.assumed import named
+    from hcbench.fitting.assumed import completed
     from hcbench.fitting.column_names import is_beside
     from hcbench.fitting.columns import columns_of
     from hcbench.fitting.sheets import read_sheets
@@ -212,7 +212,7 @@ def read_pairs(path: Path) -> Pairs:
 
     if not path.exists() or path.is_dir():
         raise UserError("points", f"{str(path)!r:.80} is not a file", "a file of pairs (v, e)")
-    table, _ = named(tables_of(read_sheets(path)[0])[0])
+    table, _ = completed(tables_of(read_sheets(path)[0])[0], None)
     columns = columns_of(table)
     role = "speed_in"
     if "speed" in columns.places:

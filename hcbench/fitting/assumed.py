@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.table import Table, cell_of
+from hcbench.fitting.cells import counts
+from hcbench.fitting.column_names import QUANTITY_OF, is_beside, is_unit_of, meanings_of, role_of
 from hcbench.fitting.track import seen_fall
 from hcbench.system.errors import UserError
+from hcbench.terms import units
 from hcbench.terms.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from hcbench.fitting.table import Table
     from hcbench.terms.impact import Floats
 
 # Flights of a ball, s. Read in ms or minutes, none of them would be one.
@@ -22,85 +28,100 @@ _LONGEST = 3.0
 _FIRST = 0.03
 # Share of flights that are shorter than the one before, at least.
 _SHRINKING = 0.7
-# Seconds of the units that cells without a header may have.
-_TIMES = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6}
+# Times, the shortest flight over the one before, and the scatter of that share, that leave no doubt.
+_SURE = 6
+_LEAST_SHARE = 0.3
+_ROUGH = 0.05
+# Meanings of names that tell no quantity.
+_OPEN = {"touch", "bounce", "number", *map(str, range(10))}
+# Quantities of a single column that a user may name.
+_ASKED = {"times": "time", "heights": "position"}
 # Share of g by which free fall may miss it where metres and seconds are assumed.
 _NEAR_G = 0.2
 
 
-def named(table: Table) -> tuple[Table, str]:
-    """A table with the names that it lacks, and a sentence of what was assumed; "" where it has names.
+def completed(table: Table, asked: str | None) -> tuple[Table, str]:
+    """A table with the names and units that it lacks, where its numbers leave no choice, and a sentence
+    of what was assumed; "" for nothing.
 
-    A column of times of touches, alone or beside words as programs write labels; or a track in metres
-    and seconds, which falls with g. Raises UserError for other numbers without names.
+    asked: the kind of data, where the user says it. A time and a place in m and s that fall with g are
+    a track; times of which each flight is shorter than the one before are those of touches.
+    Raises UserError for numbers without any name that are neither.
     """
-    if any(name or unit for name, unit in table.header):
-        return table, ""
-    columns = [table.numbers(i) for i in range(len(table.header))]
-    numeric = [i for i in range(len(columns)) if np.isfinite(columns[i]).any()]
-    counted = [i for i in numeric if _counts(columns[i])]
-    kept = [i for i in numeric if i not in counted]
-    begins = kept[:1]
-    # Labels have a begin, an end and a word; the end is the begin, or later.
-    is_label = False
-    if len(kept) == 2:
-        lasts = columns[kept[1]] - columns[kept[0]]
-        is_label = bool((lasts >= 0).all()) and (len(columns) > 2 or not lasts.any())
-    unit = table.unit_of(begins[0], "time") if begins else ""
-    if (
-        (len(kept) == 1 or is_label)
-        and unit in _TIMES
-        and is_train(_TIMES[unit] * columns[begins[0]])
-    ):
-        header = [("", "")] * len(columns)
-        header[begins[0]] = ("time", unit or "s")
-        for i in kept[1:]:
-            header[i] = ("stop", "s")
-        return replace(
-            table, header=tuple(header)
-        ), f"no header: read as times of touches in {unit or 's'}"
-    if len(kept) == 2 and falls_with_g(columns[kept[0]], columns[kept[1]]):
-        header = [("", "")] * len(columns)
-        header[kept[0]], header[kept[1]] = ("time", "s"), ("height", "m")
-        return replace(
-            table, header=tuple(header)
-        ), "no header: read as a track in s and m, as it falls with g"
-    shown = ", ".join(cell_of(table.cells[0], i) for i in range(len(columns)))
-    raise UserError(table.name, f"begins with the numbers {shown!r:.60}", "a header")
+    roles = [role_of(*one) for one in table.header]
+    known = {i: role for i, role in enumerate(roles) if role in QUANTITY_OF and table.has_number(i)}
+    known = {
+        i: role for i, role in known.items() if table.header[i][1] or not counts(table.texts(i))
+    }
+    others = [i for i, role in enumerate(roles) if not role and table.has_number(i)]
+    # Names that tell no quantity, such as "touch", and those that tell something else.
+    bare = [i for i in others if meanings_of(table.header[i][0]) <= _OPEN]
+    bare = [i for i in bare if not counts(table.texts(i))]
+    unknown = [i for i in others if i not in bare and not is_beside(table.header[i][0])]
+    has_names = any(map(any, table.header))
+
+    def of_unit(quantity: str) -> list[int]:
+        return [i for i in unknown if is_unit_of(table.unit_of(i, quantity), quantity)]
+
+    def si(at: int, quantity: str) -> Floats:
+        has_unit = table.unit_of(at, quantity)
+        return table.in_unit(at, quantity) if has_unit else table.numbers(at)
+
+    clocks = [i for i, role in known.items() if role == "time"]
+    clocks = clocks or [*of_unit("time"), *(bare if not known else ())]
+    heights = [i for i, role in known.items() if role == "height"]
+    places = heights or [*of_unit("position"), *(() if has_names else bare)]
+    pairs = itertools.product(clocks, () if "force" in known.values() else places)
+    tracks = [(c, p) for c, p in pairs if c != p and falls_with_g(si(c, "time"), si(p, "position"))]
+    trains = [c for c in clocks if is_train(si(c, "time"))]
+    if not has_names and len(trains) == len(bare) == 2:
+        # Labels have a begin, an end and a word; the end is the begin, or later.
+        lasts = table.numbers(bare[1]) - table.numbers(bare[0])
+        if (lasts >= 0).all() and (len(roles) > 2 or not lasts.any()):
+            table = replace(
+                table, header=(*table.header[: bare[1]], ("stop", ""), *table.header[bare[1] + 1 :])
+            )
+            trains = trains[:1]
+    elif len(unknown) + len(bare) > 1 or (unknown and clocks != unknown):
+        trains = [c for c in trains if is_sure_train(si(c, "time"))]
+    taken: dict[int, str] = {}
+    why = ""
+    if asked in _ASKED and not known:
+        alone = of_unit(_ASKED[asked])
+        taken = dict.fromkeys(alone if len(alone) == 1 else [], asked.removesuffix("s"))
+        if taken == {i: "time" for i in alone if (np.diff(table.numbers(i)) < 0).all()}:
+            taken = dict.fromkeys(taken, "interval")
+        why = f"--as {asked} says so"
+    elif len({place for _, place in tracks}) == 1:
+        taken = dict(zip(tracks[0], ("time", "height"), strict=True))
+        why = "it falls with g"
+    elif clocks and len(of_unit("force")) == 1 and not {"force", "height"} & {*known.values()}:
+        taken = dict.fromkeys(of_unit("force"), "force")
+        why = "no other column is in its unit"
+    elif len(trains) == 1 and known.keys() <= {*trains} and (known or trains[0] in bare):
+        taken = dict.fromkeys(trains, "time")
+        why = "each flight is shorter than the one before"
+    elif not has_names:
+        got = f"begins with the numbers {', '.join(table.cells[0])!r:.60}"
+        raise UserError(table.name, got, "a header")
+    return _with_names(table, taken, why)
 
 
-def with_units(table: Table, places: dict[str, int]) -> tuple[Table, str]:
-    """A table with seconds and metres where its header has no unit and its numbers say so, and a
-    sentence of what was assumed; "" for nothing.
-
-    places: columns by role. Times of touches are seconds where no other unit gives flights of a ball;
-    a track is in metres and seconds where it falls with g.
+def _with_names(table: Table, taken: Mapping[int, str], why: str) -> tuple[Table, str]:
+    """A table with the roles of some columns as their names, in SI where they have no unit, and a
+    sentence of what it lacked.
     """
-    time, height = places.get("time"), places.get("height")
-    if time is None:
-        return table, ""
-    lacking = [
-        at
-        for at, quantity in ((time, "time"), (height, "position"))
-        if at is not None and not table.unit_of(at, quantity)
-    ]
-    if not lacking:
-        return table, ""
-    times = table.numbers(time) if time in lacking else table.column(time, "time")
-    if height is None:
-        is_sure = len(places) == 1 and is_train(times)
-        said = "no unit: read as s, as flights of a ball are"
-    else:
-        is_sure = table.unit_of(height, "position") in ("", "m") and falls_with_g(
-            times, table.numbers(height)
-        )
-        said = "no unit: read as s and m, as the track falls with g"
-    if not is_sure:
-        return table, ""
     header = list(table.header)
-    for at in lacking:
-        header[at] = (header[at][0], "s" if at == time else "m")
-    return replace(table, header=tuple(header)), said
+    said = []
+    for at, role in taken.items():
+        name, unit = header[at]
+        has_unit = table.unit_of(at, QUANTITY_OF[role])
+        if role_of(name, unit) == role and has_unit:
+            continue
+        header[at] = (role, unit or has_unit or units.QUANTITIES[QUANTITY_OF[role]].unit)
+        called = f"{name!r}" if name else f"column {at + 1}"
+        said.append(f"{called} read as the {role} in {header[at][1]}")
+    return replace(table, header=tuple(header)), f"{' and '.join(said)}: {why}" if said else ""
 
 
 def is_train(times: Floats) -> bool:
@@ -119,6 +140,18 @@ def is_train(times: Floats) -> bool:
     return float(np.mean(np.diff(flights) < 0.0)) >= _SHRINKING
 
 
+def is_sure_train(times: Floats) -> bool:
+    """Say whether numbers are times of bounces whatever stands beside them: each flight is shorter than
+    the one before by a share that changes smoothly.
+    """
+    if not is_train(times) or len(times) < _SURE:
+        return False
+    shares = np.diff(times)[1:] / np.diff(times)[:-1]
+    line = np.polyfit(np.arange(len(shares)), shares, 1)
+    off = shares - np.polyval(line, np.arange(len(shares)))
+    return bool(shares.max() < 1.0 and shares.min() > _LEAST_SHARE and off.std() < _ROUGH)
+
+
 def falls_with_g(times: Floats, heights: Floats) -> bool:
     """Say whether a track falls with g in metres and seconds, upwards or downwards."""
     given = np.isfinite(times) & np.isfinite(heights)
@@ -126,10 +159,3 @@ def falls_with_g(times: Floats, heights: Floats) -> bool:
     if len(times) < 12 or (np.diff(times) <= 0).any():
         return False
     return abs(abs(seen_fall(times, heights)) / STANDARD_GRAVITY - 1.0) < _NEAR_G
-
-
-def _counts(numbers: Floats) -> bool:
-    """Say whether a column counts the rows."""
-    return (
-        len(numbers) > 1 and bool(np.all(np.diff(numbers) == 1)) and float(numbers[0]) in (0.0, 1.0)
-    )

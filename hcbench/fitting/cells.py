@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 import unicodedata
@@ -17,27 +18,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
 # Cells without a number.
-MISSING = frozenset(
-    [
-        "",
-        "-",
-        "--",
-        "---",
-        "–",
-        "—",
-        "na",
-        "n/a",
-        "nan",
-        "null",
-        "none",
-        "#n/a",
-        "#value!",
-        "missing",
-        "?",
-        "*",
-        ".",
-    ]
-)
+MISSING = {
+    *("", "-", "--", "---", "–", "—", "na", "n/a", "nan", "null", "none", "#n/a", "#value!"),
+    *("missing", "?", "*", "."),
+}
 # Signs between thousands that are never decimal signs.
 _BLANKS = "  \u2009\u202f'’"
 _EXPONENT = (
@@ -170,6 +154,8 @@ class NumberStyle:
 def _bare(text: str) -> str:
     """A cell without TeX's marks about a number and in it, or the type that NumPy prints about it."""
     text = _OF_NUMPY.sub(r"\1", text).strip().strip("$").strip().replace("{,}", ",")
+    # "1." is the first.
+    text = re.sub(r"^(\d+)\.$", r"\1", text)
     return text.replace("\\%", "%").replace("\\,", " ")
 
 
@@ -215,6 +201,16 @@ def _seconds(text: str) -> float | None:
 def looks_numeric(text: str) -> bool:
     """Say whether a cell has a number in any style."""
     return any(NumberStyle(decimal).read(text) is not None for decimal in ".,")
+
+
+def counts(cells: Sequence[str]) -> bool:
+    """Say whether cells count rows: whole numbers, each one above, or each one below, the one before;
+    "1." too.
+    """
+    if len(cells) < 2 or not all(re.fullmatch(r"\d+\.?", cell) for cell in cells):
+        return False
+    steps = {int(b.strip(".")) - int(a.strip(".")) for a, b in itertools.pairwise(cells)}
+    return steps in ({1}, {-1})
 
 
 def is_missing(text: str) -> bool:

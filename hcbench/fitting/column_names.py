@@ -90,10 +90,10 @@ _ROLES: tuple[tuple[str, set[str], set[str]], ...] = (
     ("height", {"y"}, {"vertical", "number"}),
     ("height", {"z"}, {"vertical", "number"}),
     ("height", {"peak", "bounce"}, set()),
-    ("speed_in", {"speed", "before"}, {*_EVENTS, "drop", "vertical"}),
+    ("speed_in", {"speed", "before"}, {*_EVENTS, "drop", *_UPWARDS}),
     ("speed_in", {"speed", "touch"}, {"drop", "vertical"}),
     ("speed_in", {"speed", "drop"}, {"vertical"}),
-    ("speed_out", {"speed", "after"}, {*_EVENTS, "vertical"}),
+    ("speed_out", {"speed", "after"}, {*_EVENTS, *_UPWARDS}),
     ("speed_out", {"speed", "bounce"}, {"vertical"}),
     ("speed", {"speed"}, {"vertical"}),
     ("restitution", {"restitution"}, {*_EVENTS, "vertical"}),
@@ -106,7 +106,7 @@ _ROLES: tuple[tuple[str, set[str], set[str]], ...] = (
     ("rate", {"penetration", "rate"}, set()),
     ("rate", {"penetration", "speed"}, set()),
     ("penetration", {"penetration"}, {"touch", "vertical"}),
-    ("frame", {"frame"}, {"number"}),
+    ("frame", {"frame"}, {"number", *_EVENTS}),
     ("sample", {"sample"}, {"number"}),
 )
 # Names of lengths and times alone: "drop [cm]" is a height, "drop" a number.
@@ -127,17 +127,8 @@ _BY_QUANTITY = {
 # Columns that say nothing of the bounces, where a name has these meanings alone. Any other column
 # of numbers may change what the rest means: a time beside a temperature may be a log of something else.
 _BESIDE = {
-    "number",
-    "trial",
-    "beside",
-    "vertical",
-    "bounce",
-    "touch",
-    "drop",
-    "mean",
-    "before",
-    "frame",
-    "sample",
+    *("number", "trial", "beside", "vertical", "bounce", "touch", "drop", "mean", "before"),
+    *("frame", "sample"),
 }
 # Quantities that units of columns are of.
 QUANTITIES_OF_COLUMNS = ("time", "position", "speed", "force")
@@ -150,22 +141,10 @@ _BRACKETS = (
     re.compile(r"\{\s*([^{}]*?)\s*\}"),
 )
 # What a word in brackets may add to a name: "v (in)", "e (mean)", "u(v)".
-_IN_BRACKETS = frozenset(
-    [
-        "before",
-        "after",
-        "mean",
-        "touch",
-        "bounce",
-        "drop",
-        "vertical",
-        "x",
-        "y",
-        "z",
-        "peak",
-        "uncertainty",
-    ]
-)
+_IN_BRACKETS = {
+    *("before", "after", "mean", "touch", "bounce", "drop", "vertical", "x", "y", "z", "peak"),
+    *("uncertainty"),
+}
 _RUN = re.compile(
     r"\s*(?:[,;:|-]\s*)?\b(?:run|data set|dataset|set|latest|mass [a-z]|mass_[a-z])\b\s*#?\s*\d*\s*:?\s*",
     re.IGNORECASE,
@@ -174,15 +153,7 @@ _BEFORE_UNIT = re.compile(r"\s*/\s*|_|\s*,\s*|\s+(?:in|en)\s+|\s+")
 _OF_R = re.compile(r"(\S+?)\.{2,3}([a-zA-Zµ]+(?:\.[a-z]+)?)\.?")
 # "m s^-1" and "m*s^-1" are m/s.
 _BY_POWER = re.compile(r"([a-zµ]+)[\s*]([sh])\^-1")
-_SIGNS = {
-    "-": "before",
-    "−": "before",
-    "–": "before",
-    "+": "after",
-    "'": "after",
-    "′": "after",
-    "’": "after",
-}
+_SIGNS = dict.fromkeys("-−–", "before") | dict.fromkeys("+'′’", "after")
 _SIGNED = re.compile(r"([a-zA-Z]+)\s*[_^]*\{?\s*([-−–+'′’])\}?")
 _DELTA = re.compile(r"^[δ∆]\s*_?\s*([a-z])\b")
 # Thai, Chinese, Japanese and Korean part no words by blanks, or not always.
@@ -191,6 +162,11 @@ _WITHOUT_BLANKS = re.compile(r"[\u0e00-\u0eff\u3040-\u30ff\u4e00-\u9fff\uac00-\u
 _PLAIN_LETTERS = str.maketrans({"ø": "oe", "æ": "ae", "œ": "oe", "ł": "l", "đ": "d", "ı": "i"})
 # Vowels with an accent are typed in two letters too: "hoehe" is "höhe", "hoejd" is "höjd".
 _TWO_LETTERS = re.compile(r"([aou])e|a(?=a)")
+# Letters of Russian in Latin ones.
+_CYRILLIC = dict(zip("абвгдезийклмнопрстуфыэ", "abvgdeziyklmnoprstufye", strict=True)) | {
+    **{"ж": "zh", "х": "kh", "ц": "ts", "ч": "ch", "ш": "sh", "щ": "shch"},
+    **{"ъ": "", "ь": "", "ю": "yu", "я": "ya"},
+}
 # Languages whose words have many endings, and letters that a word has before its ending, at least.
 _OF_MANY_ENDINGS = frozenset(["pl", "cs", "ru", "uk", "hu", "fi", "tr", "ro", "el"])
 _LEAST_STEM = 5
@@ -226,6 +202,10 @@ def _lexicon(of_files: bool = False) -> dict[str, str]:
             continue
         for word in itertools.chain(*languages.values()):
             meanings.setdefault(" ".join(_words(word)), meaning)
+    for word, meaning in list(meanings.items()):
+        # "vysota": Russian in Latin letters, as programs' names are.
+        if len(word) >= _LEAST_STEM and set(word) & set(_CYRILLIC):
+            meanings.setdefault("".join(_CYRILLIC.get(letter, letter) for letter in word), meaning)
     return meanings
 
 
@@ -426,12 +406,8 @@ def numbers_bounces(name: str) -> bool:
 
 def is_group(name: str) -> bool:
     """Say whether a column tells one ball or plate from another."""
-    return meanings_of(name) == {"group"} or _words(name) in (
-        ["ball"],
-        ["plate"],
-        ["kugel"],
-        ["balle"],
-    )
+    is_thing = " ".join(_words(name)) in ("ball", "plate", "kugel", "balle")
+    return is_thing or meanings_of(name) == {"group"}
 
 
 def of_file(name: str) -> str:
@@ -450,8 +426,19 @@ def of_file(name: str) -> str:
 def split_header(cell: str) -> tuple[str, str]:
     """(name in lower case, unit) of "name [unit]", "name (unit)", "t/s", "time_s" or "time, s".
 
-    The unit is "" where the cell has none. "Latest:" and "Run #1" are left out.
+    The unit is "" where the cell has none. "Latest:" and "Run #1" are left out, and "name:" where the
+    words after it have a role.
     """
+    found = _split_header(cell)
+    before, sign, rest = cell.partition(": ")
+    if sign and is_beside(before) and not role_of(*found):
+        later = _split_header(rest)
+        return later if role_of(*later) else found
+    return found
+
+
+def _split_header(cell: str) -> tuple[str, str]:
+    """The parts of a header as `split_header` gives them, with the words before a colon."""
     cell = unicodedata.normalize(
         "NFKC", cell.replace("²", "^2").replace("⁻¹", "^-1").replace("⁻", "-")
     )

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.assumed import falls_with_g
+from hcbench.fitting.assumed import is_sure_train
+from hcbench.fitting.cells import counts
 from hcbench.fitting.column_names import (
     DATA_KINDS,
     EXPECTED_COLUMNS,
@@ -20,13 +21,12 @@ from hcbench.fitting.column_names import (
     numbers_bounces,
     role_of,
 )
-from hcbench.fitting.separators import counts
 from hcbench.fitting.table import cell_of
 from hcbench.fitting.track import seen_fall
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
 # Two columns of one quantity are the same where they differ by no more than this share: rounding.
 _SAME = 2e-3
-# Roles that a sentence calls by other words.
-_CALLED = {"time": "time of each touch", "interval": "time between touches"}
+# Rows with a name each, at least, that are something else than bounces.
+_LEAST_NAMED = 2
 # Kinds of one column: any other column of numbers may change what it means.
 _ALONE = ("times", "heights")
 
@@ -117,29 +117,42 @@ def columns_of(table: Table, asked: str | None = None) -> DataColumns:
 
     Raises UserError for two columns of one quantity that differ, for rows of several balls, for a
     column of numbers without a name that does not count the rows, and for one that may change what
-    the only known one means.
+    the only known one means: beside times whose flights do not shrink, and heights that no column
+    counts.
     """
     roles: dict[str, list[int]] = {}
     unknown: list[int] = []
+    # Columns that say what the rows are, by numbers or by words, such as "person": bounces have
+    # other names.
+    of_rows: list[int] = []
+    of_things: list[int] = []
     for i, (name, unit) in enumerate(table.header):
         role = role_of(name, unit)
+        cells = table.texts(i)
         if not table.has_number(i) and (not role or not any(table.is_given(i))):
             _require_one_ball(table, i)
+            if name and not is_beside(name) and len(set(cells)) == len(cells) > _LEAST_NAMED:
+                of_things.append(i)
         elif role:
             roles.setdefault(role, []).append(i)
-        elif not is_beside(name) and not _counts_rows(table, i):
+        elif not is_beside(name) and (name or not counts(cells)):
+            # pandas gives the index of the rows no name.
             unknown.append(i)
+            of_rows += [i] if counts(cells) else []
     _leave_counters(table, roles)
     table = _with_lone_uncertainty(table, roles, unknown)
-    assumed = _taken_by_numbers(table, roles, unknown, asked)
     _part_numbered(table, roles)
     _part_by_others(table, roles)
     places: dict[str, int] = {}
     for role, at in roles.items():
         places[role] = at[0] if len(at) == 1 else _one_of(table, role, at, roles)
-    columns = DataColumns(table, places, assumed)
+    columns = DataColumns(table, places)
     kind = asked or kind_of(columns.roles)
-    is_doubtful = kind is None or (kind in _ALONE and kind != asked)
+    if kind == "heights":
+        unknown, of_rows = unknown + of_things, of_rows + of_things
+    is_doubtful = kind is None or (
+        kind in _ALONE and kind != asked and (of_rows or not _is_sure(columns, unknown))
+    )
     nameless = [i for i in unknown if not table.header[i][0]]
     if nameless:
         # More numbers in a row than names, such as two for "1,5": which is whose cannot be told.
@@ -200,7 +213,7 @@ def _numbers_of_rows(columns: DataColumns) -> Iterator[tuple[str, Floats]]:
     table = columns.table
     for at, (name, unit) in enumerate(table.header):
         is_data = at in {columns.places[role] for role in columns.roles & columns.places.keys()}
-        if unit or is_data:
+        if unit or is_data or any(":" in text for text in table.texts(at)):
             continue
         numbers = table.numbers(at)
         is_whole = bool(np.isfinite(numbers).all()) and np.array_equal(numbers, np.round(numbers))
@@ -218,28 +231,33 @@ def _require_one_ball(table: Table, at: int) -> None:
         raise UserError(table.name, got, "one ball on one plate", "Put each into a file of its own")
 
 
-def _counts_rows(table: Table, at: int) -> bool:
-    """Say whether a column without a name counts the rows, as the index that pandas writes."""
-    numbers = sorted(table.numbers(at).tolist())
-    is_counting = numbers[:1] in ([0], [1]) and bool(np.all(np.diff(numbers) == 1))
-    return not table.header[at][0] and is_counting
+def _is_sure(columns: DataColumns, unknown: Sequence[int]) -> bool:
+    """Say whether a column alone is of bounces beside any other: times that are a train of them, or
+    heights whose bounces are counted, where all that is unknown falls along with them.
+    """
+    table = columns.table
+    for role in {"time", "interval"} & columns.places.keys():
+        at = columns.places[role]
+        numbers = table.in_unit(at, "time") if table.unit_of(at, "time") else table.numbers(at)
+        return is_sure_train(np.cumsum([0.0, *numbers]) if role == "interval" else numbers)
+    falling = all((np.diff(table.numbers(i)) < 0).all() for i in unknown)
+    return falling and any(
+        numbers_bounces(name) and counts(table.texts(i)) for i, (name, _) in enumerate(table.header)
+    )
 
 
 def _leave_counters(table: Table, roles: dict[str, list[int]]) -> None:
     """Leave out columns such as "interval" that count the rows, beside others that have a unit or do
     not count.
     """
-    of_data = [
-        i
-        for role, at in roles.items()
-        for i in at
-        if role in QUANTITY_OF
-        and (table.unit_of(i, QUANTITY_OF[role]) or not counts(table.texts(i)))
-    ]
-    for role in [role for role in roles if role in QUANTITY_OF and of_data]:
-        at = roles[role]
-        roles[role] = [i for i in at if i in of_data]
-        if not roles[role]:
+    of_data = {role: at for role, at in roles.items() if role in QUANTITY_OF}
+    kept = {
+        role: [i for i in at if table.unit_of(i, QUANTITY_OF[role]) or not counts(table.texts(i))]
+        for role, at in of_data.items()
+    }
+    for role in of_data if any(kept.values()) else ():
+        roles[role] = kept[role]
+        if not kept[role]:
             del roles[role]
 
 
@@ -258,58 +276,17 @@ def _with_lone_uncertainty(table: Table, roles: dict[str, list[int]], unknown: l
     return replace(table, header=tuple(header))
 
 
-def _taken_by_numbers(
-    table: Table, roles: dict[str, list[int]], unknown: list[int], asked: str | None
-) -> str:
-    """Give roles to columns with unknown names where the kind that is asked for, or their units and
-    numbers, leave no choice, and return a sentence of it: the only force, the only place that falls
-    with g, or the only column of times of touches.
-    """
-
-    def of_unit(quantity: str) -> list[int]:
-        return [i for i in unknown if is_unit_of(table.unit_of(i, quantity), quantity)]
-
-    def taken(role: str, at: int, why: str) -> str:
-        roles[role] = [at]
-        unknown[:] = [i for i in unknown if i != at]
-        return f"{table.header[at][0]!r} read as the {_CALLED.get(role, role)}: {why}"
-
-    if not QUANTITY_OF.keys() & roles.keys():
-        for kind, quantity in (("times", "time"), ("heights", "position")):
-            alone = of_unit(quantity)
-            if asked == kind and len(alone) == 1:
-                falls = bool((np.diff(table.numbers(alone[0])) < 0).all())
-                role = "height" if kind == "heights" else "interval" if falls else "time"
-                return taken(role, alone[0], f"--as {kind} says so")
-    times = roles.get("time", []) or of_unit("time")
-    forces = of_unit("force")
-    if "time" in roles and not {"force", "height"} & roles.keys() and len(forces) == 1:
-        return taken("force", forces[0], "no other column is in its unit")
-    if len(times) != 1 or {"height", "force"} & roles.keys() or not table.unit_of(times[0], "time"):
-        return ""
-    t = table.in_unit(times[0], "time")
-    falling = [i for i in of_unit("position") if falls_with_g(t, table.in_unit(i, "position"))]
-    if len(falling) != 1:
-        return ""
-    if "time" not in roles:
-        taken("time", times[0], "")
-    return taken("height", falling[0], "it falls with g")
-
-
 def _part_numbered(table: Table, roles: dict[str, list[int]]) -> None:
     """Take two columns that differ by a number, such as h1 and h2, for before and after the impact."""
     for role in ("height", "speed"):
-        numbered = []
-        for i in roles.get(role, []):
-            digits = [meaning for meaning in meanings_of(table.header[i][0]) if meaning.isdigit()]
-            if len(digits) == 1:
-                numbered.append((int(digits[0]), i))
-        if len(numbered) == 2 and len(roles[role]) == 2:
-            numbered.sort()
-            if numbered[1][0] - numbered[0][0] == 1:
-                del roles[role]
-                roles[f"{role}_in"] = [numbered[0][1]]
-                roles[f"{role}_out"] = [numbered[1][1]]
+        at = roles.get(role, [])
+        found = [[*filter(str.isdigit, meanings_of(table.header[i][0]))] for i in at]
+        numbered = sorted(
+            (int(digits[0]), i) for digits, i in zip(found, at, strict=True) if digits
+        )
+        if len(numbered) == len(at) == 2 and numbered[1][0] - numbered[0][0] == 1:
+            del roles[role]
+            roles |= {f"{role}_in": [numbered[0][1]], f"{role}_out": [numbered[1][1]]}
 
 
 def _part_by_others(table: Table, roles: dict[str, list[int]]) -> None:
@@ -347,6 +324,10 @@ def _one_of(table: Table, role: str, at: list[int], roles: dict[str, list[int]])
             return falling[0]
     if role in QUANTITY_OF or role.removeprefix("u_") in QUANTITY_OF:
         quantity = QUANTITY_OF[role.removeprefix("u_")]
+        rising = [i for i in at if (np.diff(table.numbers(i)) > 0).all()]
+        if role == "time" and len(rising) == 1:
+            # Beside the times of flights.
+            return rising[0]
         if role == "time":
             # Of a message, the time of measuring, and not that of its arrival.
             at = sorted(at, key=lambda i: "stamp" not in table.header[i][0])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.cells import is_missing
+from hcbench.fitting.cells import counts, is_missing
 from hcbench.fitting.column_names import (
     QUANTITY_OF,
     is_unit_of,
@@ -17,13 +17,14 @@ from hcbench.fitting.column_names import (
     numbers_bounces,
     role_of,
 )
-from hcbench.fitting.separators import counts
 from hcbench.fitting.table import cell_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hcbench.fitting.table import Table
+
+    Rows = list[tuple[Sequence[str], int]]
 
 # Rows after which another header begins another table.
 LEAST_ROWS = 2
@@ -40,81 +41,80 @@ def drops_of(table: Table) -> list[Table]:
     """The drops of a table, a table each; the table alone where it has one."""
     drops: list[Table] = []
     for part in _one_below_the_other(table):
-        drops += _in_a_row(part) or _made_again(part) or _side_by_side(part)
+        drops += _of_numbered(part) or _made_again(part) or _side_by_side(part)
     return drops
 
 
-def _in_a_row(table: Table) -> list[Table]:
-    """The times, or the heights, that a table has in a row for each drop, under names with numbers:
-    "Bounce 0 (s), Bounce 1 (s), ..."; empty where it has none.
+def _drop(table: Table, number: int, header: Sequence[tuple[str, str]], rows: Rows) -> Table:
+    """A drop of a table: (cells, line) of its rows; rows in which nothing is given are left out.
 
-    phyphox writes its stopwatch and "(In)elastic collision" so, with 0 for what was not heard.
+    number: from 1, for its name; 0 where it is the only one.
     """
+    kept = [(tuple(cells), line) for cells, line in rows if not all(map(is_missing, cells))]
+    return replace(
+        table,
+        name=f"{table.name}, drop {number}" if number else table.name,
+        header=tuple(header),
+        cells=tuple(cells for cells, _ in kept),
+        lines=tuple(line for _, line in kept),
+    )
+
+
+def _rows(table: Table, places: Sequence[int]) -> Rows:
+    """(cells, line) of the rows of a table, with the columns at these places alone."""
+    return [
+        ([cell_of(row, i) for i in places], line)
+        for row, line in zip(table.cells, table.lines, strict=True)
+    ]
+
+
+def _of_numbered(table: Table) -> list[Table]:
+    """The drops of times, or of heights, under names that differ by their numbers: a column each where
+    another column numbers the bounces, as of "Trial 1"; else a row each, as of "Bounce 0 (s)".
+
+    Empty where there are none. phyphox writes its stopwatch and "(In)elastic collision" in rows, with
+    0 for what was not heard.
+    """
+    goes_down = any(
+        not unit and numbers_bounces(name) and counts(table.texts(at))
+        for at, (name, unit) in enumerate(table.header)
+    )
+    trials = {"trial", "number", "drop"} if goes_down else set()
     for quantity, allowed in (("time", _OF_TIMES), ("position", {"height", "bounce"})):
         numbered = []
         for i, (name, unit) in enumerate(table.header):
             found = meanings_of(name)
             digits = [int(meaning) for meaning in found if meaning.isdigit()]
             words = found - set(map(str, digits))
-            is_trial = words <= {*allowed, "trial", "number"} and _is_counted_by_bounces(table)
-            if words and (words <= allowed or is_trial) and is_unit_of(unit, quantity):
+            if words and words <= allowed | trials and is_unit_of(unit, quantity):
                 numbered.append((digits[0] if digits else -1, i))
-        least = 2 if _is_counted_by_bounces(table) else 3
-        if len(numbered) < least or len({number for number, _ in numbered}) < len(numbered):
+        if len(numbered) < (2 if goes_down else 3) or len(dict(numbered)) < len(numbered):
             continue
         places = [i for _, i in sorted(numbered)]
-        if _is_counted_by_bounces(table):
-            return _a_column_each(table, places, quantity)
-        drops = []
-        for k, (row, line) in enumerate(zip(table.cells, table.lines, strict=True), 1):
-            cells = [cell_of(row, i) for i in places]
-            heard = [cell for cell in cells[1:] if table.number(cell) and not is_missing(cell)]
-            called = table.name if len(table.cells) == 1 else f"{table.name}, drop {k}"
-            header = (("time" if quantity == "time" else "height", table.header[places[0]][1]),)
-            column = tuple((cell,) for cell in [cells[0], *heard])
-            drops.append(
-                replace(
-                    table, name=called, header=header, cells=column, lines=(line,) * len(column)
-                )
-            )
-        return drops
+        rows = _rows(table, places)
+        if goes_down:
+            each = [_rows(table, [i]) for i in places]
+        else:
+            each = [
+                [([cell], line) for i, cell in enumerate(cells) if not i or table.number(cell)]
+                for cells, line in rows
+            ]
+        return [
+            _drop(table, k if len(each) > 1 else 0, [_series(table, quantity, place, one)], one)
+            for k, (place, one) in enumerate(zip(itertools.cycle(places), each), 1)
+        ]
     return []
 
 
-def _is_counted_by_bounces(table: Table) -> bool:
-    """Say whether a column numbers the rows as bounces: then the others go down, a drop each."""
-    return any(
-        not unit and numbers_bounces(name) and counts(table.texts(at))
-        for at, (name, unit) in enumerate(table.header)
-    )
-
-
-def _a_column_each(table: Table, places: Sequence[int], quantity: str) -> list[Table]:
-    """A table for each of the columns at these places, without the cells that are missing.
-
-    quantity: of the columns; times that fall are those between touches.
+def _series(table: Table, quantity: str, at: int, rows: Rows) -> tuple[str, str]:
+    """The header of a column of times or heights, with the unit at a place; times that fall are those
+    between touches.
     """
-    drops = []
-    for k, at in enumerate(places, 1):
-        rows = [
-            (row[at], line)
-            for row, line in zip(table.cells, table.lines, strict=True)
-            if not is_missing(cell_of(row, at))
-        ]
-        name = "height"
-        if quantity == "time":
-            falls = (np.diff([table.number(text) for text, _ in rows]) < 0).all()
-            name = "interval" if falls else "time"
-        drops.append(
-            replace(
-                table,
-                name=f"{table.name}, drop {k}",
-                header=((name, table.header[at][1]),),
-                cells=tuple((cell,) for cell, _ in rows),
-                lines=tuple(line for _, line in rows),
-            )
-        )
-    return drops
+    numbers = [table.number(cell) for (cell,), _ in rows if not is_missing(cell)]
+    name = "height"
+    if quantity == "time":
+        name = "interval" if (np.diff(numbers) < 0).all() else "time"
+    return name, table.header[at][1]
 
 
 def _one_below_the_other(table: Table) -> list[Table]:
@@ -139,16 +139,10 @@ def _one_below_the_other(table: Table) -> list[Table]:
         return [table]
     # The column that numbered the drops has done its work.
     kept = [at for at in range(len(texts)) if texts[at] not in drops]
-    return [
-        replace(
-            table,
-            name=f"{table.name}, drop {k}",
-            header=tuple(table.header[at] for at in kept),
-            cells=tuple(tuple(cell_of(row, at) for at in kept) for row in table.cells[begin:end]),
-            lines=table.lines[begin:end],
-        )
-        for k, (begin, end) in enumerate(itertools.pairwise([*starts, len(table.cells)]), 1)
-    ]
+    header = [table.header[at] for at in kept]
+    rows = _rows(table, kept)
+    parts = itertools.pairwise([*starts, len(rows)])
+    return [_drop(table, k, header, rows[begin:end]) for k, (begin, end) in enumerate(parts, 1)]
 
 
 def _numbers_drops(table: Table, at: int) -> bool:
@@ -187,19 +181,9 @@ def _made_again(table: Table) -> list[Table]:
     if not is_near or not (np.diff(numbers, axis=0) > 0).any():
         return []
     name = re.sub(r"\d+", "", table.header[after[0]][0]).strip()
-    rows = [
-        ((cell_of(row, before[0]), cell_of(row, i)), line)
-        for row, line in zip(table.cells, table.lines, strict=True)
-        for i in after
-    ]
-    return [
-        replace(
-            table,
-            header=(table.header[before[0]], (name, table.header[after[0]][1])),
-            cells=tuple(row for row, _ in rows),
-            lines=tuple(line for _, line in rows),
-        )
-    ]
+    header = [table.header[before[0]], (name, table.header[after[0]][1])]
+    each = zip(*(_rows(table, [before[0], i]) for i in after), strict=True)
+    return [_drop(table, 0, header, [*itertools.chain(*each)])]
 
 
 def _side_by_side(table: Table) -> list[Table]:
@@ -209,19 +193,11 @@ def _side_by_side(table: Table) -> list[Table]:
     starts = [i for i, name in enumerate(table.header) if name == first]
     if not first[0] or len(starts) < 2 or role_of(*first) not in QUANTITY_OF:
         return [table]
-    drops = []
-    for k, (begin, end) in enumerate(itertools.pairwise([*starts, len(table.header)]), 1):
-        rows = [(row[begin:end], line) for row, line in zip(table.cells, table.lines, strict=True)]
-        kept = [(row, line) for row, line in rows if not all(map(is_missing, row))]
-        drops.append(
-            replace(
-                table,
-                name=f"{table.name}, drop {k}",
-                header=table.header[begin:end],
-                cells=tuple(row for row, _ in kept),
-                lines=tuple(line for _, line in kept),
-            )
-        )
+    parts = itertools.pairwise([*starts, len(table.header)])
+    drops = [
+        _drop(table, k, table.header[begin:end], _rows(table, range(begin, end)))
+        for k, (begin, end) in enumerate(parts, 1)
+    ]
     if len({tuple(one for one in drop.header if one[0]) for drop in drops}) > 1:
         return [table]
     return drops

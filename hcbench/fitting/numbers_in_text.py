@@ -1,18 +1,25 @@
-"""Numbers in text without a table: logs, records of several lines, markup, and lists in programs.
+"""Numbers in text without a table: logs, chats, records of several lines, markup, lists in programs.
 
-Lines with the same words and other numbers are records, and each number in them is a column: it has
-the words before it as its name, and the unit after it.
+A text is numbers with words between them. Numbers whose places repeat are a column: those of lines
+that are alike, or those of a list, which stand the same signs apart. A column has the words before
+it that repeat as its name, and the unit after it; words that change from line to line, such as
+"first" and "second", name nothing.
 """
 
 from __future__ import annotations
 
 import itertools
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
+from operator import itemgetter
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
+from hcbench.fitting.cells import counts
 from hcbench.fitting.column_names import (
     QUANTITY_OF,
+    is_beside,
     is_unit,
     is_unit_of,
     meanings_of,
@@ -30,46 +37,42 @@ if TYPE_CHECKING:
 _CLOCK = r"\d+(?::\d+){1,3}(?:[.,]\d+)?"
 _PLAIN = r"[-+]?(?:\d+(?:[.,]\d+)?|\.\d+)(?:[eEdD][-+]?\d+)?"
 _STAMP = r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:[.,]\d+)?"
-_NUMBER = re.compile(rf"(?<![\w.])(?:{_STAMP}|{_CLOCK}|{_PLAIN})(?![\w.]*\d)")
-# A list of numbers in a program or its output: "[0.32, 0.61, 0.85]", one a line, in rows of six.
-_BETWEEN = r"[\s,;\[\](){}]+"
-_IN_LIST = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?"
-_LIST = re.compile(rf"(?<![\w.]){_IN_LIST}(?:{_BETWEEN}{_IN_LIST}(?![\w.])){{3,}}")
-_WORD = re.compile(r"[^\W\d_][\w]*(?:\s*[\[(]\s*[^\W\d][\w/^-]*\s*[\])])?")
-# Words between the name of a list and its numbers.
-_OF_PROGRAMS = frozenset(
-    [
-        "array",
-        "np",
-        "numpy",
-        "c",
-        "list",
-        "tuple",
-        "series",
-        "out",
-        "in",
-        "double",
-        "float",
-        "vector",
-    ]
+_NUMBER = re.compile(rf"(?<![\w.^])(?:{_STAMP}|{_CLOCK}|{_PLAIN})(?![\w.]*\d|[^\W\d]+\s*=)")
+# The day before a clock's time, which stays: "[12/03/24, 10:14:07]", "11-14 10:15:02.911".
+_DAY = re.compile(
+    r"(?<![\w.])(?!\d{4}-\d\d-\d\d[T ])\d{1,4}([-/.])\d{1,2}(?:\1\d{1,4})?[, ]+(?=\d{1,2}:\d\d)"
 )
+# Numbers of a list have points: a comma is between them.
+_IN_LIST = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?(?![\w.]*\d)")
+_BETWEEN = re.compile(r"[\s,;]+")
+# What parts the phrases of a text, and the words of one.
+_SIGNS = re.compile(r"[=:,;{}\[\]\"|<>\n]+|//")
+_WORD = re.compile(r"[^\W\d][\w./^-]*")
+# Words between the name of a list and its numbers.
+_OF_PROGRAMS = re.compile(
+    r"(?:(?:np|numpy|array|c|list|tuple|series|out|in|double|float|real|vec|vector|var|let|const"
+    r"|static|u?int\d*(?:_t)?|text|plain|time\.duration)\b[.]?)+",
+    re.IGNORECASE,
+)
+# Meanings of words that make another quantity of what they stand before.
+_CHANGES = {"changed", "peak", "upper edge"}
 _OPENING = tuple("=:([{")
-# Letters before a list that may have its name, and words of them.
+_ARROW = re.compile(r"(?:->|=>|→)\s*$")
+# Letters before a list that may have its name.
 _BEFORE = 200
-_MOST_WORDS = 8
-# Lines with the same words that are records, at least; lines and characters of a line at most.
+# Numbers that are a list, and lines that are records, at least; lines and characters of one at most.
+_LEAST_LISTED = 4
 _LEAST = 3
 _MOST_LINES = 100_000
 _MOST_CHARACTERS = 400
-_MASK = "\0"
 
 
-class _WrittenNumber(NamedTuple):
-    """A number in a line: its text, and the words before and after it."""
+class _Named(NamedTuple):
+    """A number in a line with its name and the unit there, and all words before it."""
 
+    name: str
     number: str
-    before: str
-    after: str
+    words: str
 
 
 class _Columns(NamedTuple):
@@ -79,10 +82,12 @@ class _Columns(NamedTuple):
     rows: tuple[Row, ...] = ()
     before: tuple[Row, ...] = ()
 
-    def known(self) -> int:
-        """Number of columns with data."""
-        roles = {role_of(*split_header(name)) for name in self.names}
-        return len(roles & {*QUANTITY_OF, "frame", "sample"})
+    def known(self) -> tuple[int, int]:
+        """Number of columns with data, and of those that tell of touches or bounces."""
+        headers = list(map(split_header, self.names))
+        roles = {role_of(*header) for header in headers}
+        events = [name for name, _ in headers if meanings_of(name) & {"touch", "bounce"}]
+        return len(roles & {*QUANTITY_OF, "frame", "sample"}), len(events)
 
 
 def rows_in_text(text: str) -> tuple[Row, ...]:
@@ -94,7 +99,7 @@ def rows_in_text(text: str) -> tuple[Row, ...]:
     if len(lines) > _MOST_LINES or any(len(line) > _MOST_CHARACTERS for _, line in lines):
         return ()
     found = max(_of_records(lines), _of_lists(text), key=_Columns.known)
-    if not found.known():
+    if not any(found.known()):
         return ()
     return (*found.before, (found.rows[0][0], found.names), *found.rows)
 
@@ -106,7 +111,7 @@ def _lines(text: str) -> list[tuple[int, str]]:
         # The ends of elements say nothing.
         text = re.sub(r"</[^<>]*>", "", text)
     return [
-        (number, part.strip())
+        (number, _DAY.sub("", part.strip()))
         for number, line in enumerate(text.splitlines(), 1)
         for part in (re.split(r"(?<=.)(?=<)", line) if is_markup else [line])
         if part.strip()
@@ -114,40 +119,64 @@ def _lines(text: str) -> list[tuple[int, str]]:
 
 
 def _of_records(lines: Sequence[tuple[int, str]]) -> _Columns:
-    """Columns of records of one or more lines each, by the line with which they begin."""
-    alike: defaultdict[str, list[int]] = defaultdict(list)
+    """Columns of records of one or more lines each, by the lines that are alike with which they
+    begin: alike in the last word before each number, in all that the text repeats, and in the unit.
+    """
+    count = Counter(word for _, line in lines for word in set(_letters(line)))
+
+    def place(before: str, after: str) -> tuple[str, ...]:
+        words = _letters(before)
+        repeated = (word for word in words if count[word] >= _LEAST or word == words[-1])
+        return (*repeated, _unit_after(before, after))
+
+    alike: defaultdict[tuple[tuple[str, ...], ...], list[int]] = defaultdict(list)
     for at, (_, line) in enumerate(lines):
-        alike[_masked(line)].append(at)
-    named = [list(_named(line)) for _, line in lines]
-    ways = [_records(lines, named, starts) for starts in alike.values() if len(starts) >= _LEAST]
-    return max(ways, key=lambda way: (way.known(), len(way.rows)), default=_Columns())
+        alike[tuple(place(before, after) for before, _, after in _parts(line))].append(at)
+    named: dict[int, list[_Named]] = {}
+    for group in alike.values():
+        named |= zip(group, _named([lines[at][1] for at in group]), strict=True)
+    groups = [starts for key, starts in alike.items() if key and len(starts) >= _LEAST]
+    ways = [_records(lines, named, starts) for starts in groups]
+    best = max(ways, key=lambda way: (way.known(), len(way.rows)), default=_Columns())
+    same = [way.rows for way in ways if any(way.known()) and way.known() == best.known()]
+    if any(a[-1][0] < b[0][0] for a, b in itertools.permutations(same, 2)):
+        # One ball below the other: which one is asked for, nothing says.
+        return _Columns()
+    return best
 
 
-def _masked(line: str) -> str:
-    """A line with a mark in place of each number, and of words in quotes."""
-    return re.sub(r"\d+", "0", re.sub(r"([\"'])[^\"'=<>]*\1", "'0'", _NUMBER.sub(_MASK, line)))
+def _letters(text: str) -> list[str]:
+    """Words of a text in lower case, without digits."""
+    return re.findall(r"[^\W\d]+", text.lower())
 
 
 def _records(
-    lines: Sequence[tuple[int, str]],
-    named: Sequence[list[tuple[str, str]]],
-    starts: Sequence[int],
+    lines: Sequence[tuple[int, str]], named: dict[int, list[_Named]], starts: Sequence[int]
 ) -> _Columns:
-    """Columns of records that begin at these lines: those that all of them have.
+    """Columns of records that begin at these lines: those with a name that all of them have.
 
-    named: (name, number) of each number in each line.
+    named: the numbers in each line.
     """
     records: list[dict[str, str]] = []
+    all_words: dict[str, str] = {}
     first = lines[starts[0]][1]
     # "points [1]:" is over the lines of its record.
     over = re.sub(r"[\W\d]+", " ", first).strip() if first.endswith(":") else ""
     has_words = False
-    for begin, end in itertools.pairwise([*starts, len(lines)]):
+    # The last record is no longer than the others.
+    longest = int(max(np.diff(starts)))
+    for begin, end in itertools.pairwise([*starts, min(starts[-1] + longest, len(lines))]):
         record: dict[str, str] = {}
-        for (_, line), numbers in zip(lines[begin:end], named[begin:end], strict=True):
+        for at in range(begin, end):
+            line = lines[at][1]
             has_words = has_words or "-->" in line or any(map(str.isalpha, line))
-            for name, number in numbers:
-                called = f"{over} {name}" if role_of(f"{over} {name}") in QUANTITY_OF else name
+            for name, number, words in filter(itemgetter(0), named[at]):
+                if words != all_words.setdefault(name, words):
+                    # One ball beside the other.
+                    return _Columns()
+                called = (
+                    f"{over} {name}" if over and role_of(f"{over} {name}") in QUANTITY_OF else name
+                )
                 # Numbers of one name differ by their places.
                 called = called if called not in record else f"{called} {len(record)}"
                 record.setdefault(called, number)
@@ -173,37 +202,89 @@ def _join_stamp(record: dict[str, str]) -> None:
             record["stamp [s]"] = f"{record.pop(whole)}.{int(record.pop(part)):09d}"
 
 
-def _named(line: str) -> Iterator[tuple[str, str]]:
-    """(name, number) of each number in a line: "bounce 1: 62.2 cm" has the bounce and its height."""
+def _named(lines: Sequence[str]) -> Iterator[list[_Named]]:
+    """The numbers in each of several lines that are alike, with the words that all of them have as
+    names: "bounce 1: 62.2 cm" has the bounce and its height.
+    """
+    parted = [list(_parts(line)) for line in lines]
+    names: list[str] = []
+    whole: list[str] = []
     name = ""
-    clocks = 0
-    for part in _parts(line):
-        words = _plain(part.before)
-        unit = re.match(r"\s*[\[(]?([^\W\d_][^\s,;<>\"')\]]*|[\"'″′%])", part.after)
-        if ":" in part.number:
-            # Of a label, the begin and the end.
-            words = words if role_of(words) else ("start", "stop")[min(clocks, 1)]
-            clocks += 1
+    clocks = [i for i, (_, number, _) in enumerate(parted[0]) if ":" in number]
+    # Of a label, the begin and the end; a clock alone is of touches where its times are a train.
+    of_clocks = ("start", "stop") if len(clocks) > 1 else ("touch",)
+    for i, places in enumerate(zip(*parted, strict=True)):
+        befores = [before for before, _, _ in places]
+        whole.append(_plain(_repeated(befores)))
+        words = _phrase(whole[i], _unit_after(befores[0], places[0][2]))
+        if i in clocks:
+            is_changed = meanings_of(places[0][2]) & _CHANGES
+            words = words if role_of(words) else of_clocks[min(clocks.index(i), 1)]
+            words = "other" if is_changed else words
         elif meanings_of(words) or not name:
             name = words
         else:
             words = name
-        is_quoted = part.before.endswith(("'", '"'))
-        is_with_unit = unit is not None and not is_quoted and is_unit(plain_unit(unit[1]))
-        # <time unit="s">
-        words = re.sub(r"\s+units? = (\S+)$", r" [\1]", words)
-        # <value name="height (cm)">
-        words = re.sub(r"^\w+ (?:name|label|title|key) = ", "", words)
-        yield (f"{words} [{unit[1]}]" if is_with_unit and unit else words), part.number
+        names.append(words)
+    units = [[_unit_after(before, after) for before, _, after in line] for line in parted]
+    for i in range(len(names) - 1):
+        # "-4.2 -> 2.9 m/s"
+        if names[i] == names[i + 1] and _ARROW.search(parted[0][i + 1][0]):
+            names[i : i + 2] = [f"{names[i]} before", f"{names[i]} after"]
+            for each in units:
+                each[i] = each[i] or each[i + 1]
+    for line, each in zip(parted, units, strict=True):
+        yield [
+            _Named(f"{name} [{unit}]" if unit else name, number, words if _letters(words) else name)
+            for name, unit, words, (_, number, _) in zip(names, each, whole, line, strict=True)
+        ]
 
 
-def _parts(line: str) -> Iterator[_WrittenNumber]:
-    """The numbers in a line."""
+def _parts(line: str) -> Iterator[tuple[str, str, str]]:
+    """The words before each number in a line, the number, and the words after it."""
     found = list(_NUMBER.finditer(line))
     ends = [0, *(match.end() for match in found)]
     starts = [*(match.start() for match in found), len(line)]
     for i, match in enumerate(found):
-        yield _WrittenNumber(match[0], line[ends[i] : starts[i]], line[ends[i + 1] : starts[i + 1]])
+        yield line[ends[i] : starts[i]], match[0], line[ends[i + 1] : starts[i + 1]]
+
+
+def _unit_after(before: str, after: str) -> str:
+    """The unit after a number, "" for none; a number in quotes has none."""
+    unit = re.match(r"\s*[\[(]?([^\W\d_][^\s,;<>\"')\]]*|[\"'″′%])", after)
+    is_quoted = before.endswith(("'", '"'))
+    return unit[1] if unit and not is_quoted and is_unit(plain_unit(unit[1])) else ""
+
+
+def _repeated(texts: Sequence[str]) -> str:
+    """The words of the first text that all of the texts have; "other" where one is apart from them,
+    as in "steel: bounce height", which tells of several balls.
+    """
+    others = [set(_letters(text)) for text in texts[1:]]
+    parts = re.split(r"(\W+)", texts[0])
+    kept = [all(word in other for word in _letters(part) for other in others) for part in parts]
+    changing = "".join(parts[: len(parts) - kept[::-1].index(False)] if not all(kept) else [])
+    if changing and re.search(r"[:,;].*[^\W\d]", texts[0][len(changing) :]):
+        return "other"
+    return "".join(itertools.compress(parts, kept))
+
+
+def _phrase(words: str, unit: str) -> str:
+    """The part of a name after a sign, where that alone has a role: the name of the sender, or of the
+    program, goes before it.
+    """
+    # <time unit="s">, <value name="height (cm)">
+    given = re.search(r"\s+\w+ = (\S+)$", words)
+    if given is not None and is_unit(plain_unit(given[1])):
+        words = f"{words[: given.start()]} [{given[1]}]"
+    words = re.sub(r"^\w+ (?:name|label|title|key) = ", "", words)
+    signs = [match.end() for match in re.finditer(r"[\]):;,]\s", words)]
+    # "lost, height"
+    signs = [at for at in signs if not meanings_of(words[:at]) & _CHANGES]
+    ways = [words[at:].strip() for at in (0, *signs)]
+    headers = {way: f"{way} [{unit}]" if unit else way for way in ways}
+    known = (way for way in ways if role_of(*split_header(headers[way])) or is_beside(way))
+    return next(known, words)
 
 
 def _plain(text: str) -> str:
@@ -213,31 +294,74 @@ def _plain(text: str) -> str:
 
 
 def _of_lists(text: str) -> _Columns:
-    """Columns of the lists of numbers in a text, each with the last name before it that is known."""
+    """Columns of the lists of numbers in a text: those with the same signs between one and the next,
+    such as "[0.32, 0.61]", "- 0.32" in lines, or "320 * ms," in Go.
+    """
     columns: dict[str, list[str]] = {}
-    for found in _LIST.finditer(text):
+    found = list(_IN_LIST.finditer(text))
+    gaps = [
+        _BETWEEN.sub(" ", text[a.end() : b.start()]).strip() for a, b in itertools.pairwise(found)
+    ]
+    for first, at, period in (*_runs(gaps, 1), *_runs(gaps, 2)):
+        gap = gaps[first]
+        numbers = [match[0] for match in found[first : at + 1]]
+        before = text[: found[first].start()].rstrip().removesuffix(gap).rstrip()
         # A list is in brackets, or after a sign: numbers below a header are a table.
-        if text[: found.start()].rstrip()[-1:] not in _OPENING:
+        if (not gap or period > 1) and before[-1:] not in _OPENING:
             continue
-        rest = text[found.end() : found.end() + _BEFORE].partition("\n")[0]
-        name = _name_of(text[max(0, found.start() - _BEFORE) : found.start()], rest)
+        if period > 1 and not counts(numbers[::2]):
+            continue
+        inside = text[found[first].end() : found[at].start()]
+        is_over = text[: found[first].start()].rstrip(" \t")[-1:] in ("=", ":")
+        if is_over and inside.count("\n") == at - first:
+            # "rows: 1" is over a column, and no part of it.
+            continue
+        # Up to the next name in the line.
+        after = re.split(r"[\n:]", text[found[at].end() : found[at].end() + _BEFORE], maxsplit=1)[0]
+        name = _name_of(before[-_BEFORE:], f"{gap.replace('.', ' ')} {after}")
         if name:
-            columns.setdefault(name, re.findall(_IN_LIST, found[0]))
+            columns.setdefault(name, numbers[period - 1 :: period])
     count = max(map(len, columns.values()), default=0)
     padded = [[*numbers, *[""] * (count - len(numbers))] for numbers in columns.values()]
     return _Columns(tuple(columns), tuple((1, row) for row in zip(*padded, strict=True)))
 
 
+def _runs(gaps: Sequence[str], period: int) -> Iterator[tuple[int, int, int]]:
+    """First and last numbers of lists whose gaps are the same again after `period`, and the period: 2
+    of "{1: 0.32, 2: 0.61}".
+    """
+    at = 0
+    for is_same, group in itertools.groupby(a == b for a, b in zip(gaps, gaps[period:])):  # noqa: B905
+        first, at = at, at + len(list(group))
+        last = at + period
+        if is_same and last - first >= period * _LEAST_LISTED - 1:
+            yield first, last, period
+
+
+def _without_types(text: str) -> str:
+    """The words of a text without those of programs before a list."""
+    return " ".join(word for word in _WORD.findall(text) if not _OF_PROGRAMS.fullmatch(word))
+
+
 def _name_of(before: str, after: str) -> str:
-    """The last name of a column before a list, with a unit that stands near it; "" for none."""
-    words = [word for word in _WORD.findall(before) if word.lower() not in _OF_PROGRAMS]
-    words = words[-_MOST_WORDS:]
-    for word in reversed(words):
-        role = role_of(*split_header(word))
-        if role not in QUANTITY_OF:
-            continue
-        # Of several lists, each has its unit after it.
-        near = [*re.findall(r"[^\W\d_][\w/]*", after), *reversed(words)]
-        unit = next((one for one in near if is_unit_of(plain_unit(one), QUANTITY_OF[role])), "")
-        return word if split_header(word)[1] or not unit else f"{word} [{unit}]"
+    """The last name of a column before a list, with a unit that stands near it; "" for none, or where
+    the last name is of something else, such as heights lost.
+    """
+    *_, line = before.splitlines()
+    if meanings_of(_without_types(line)) & _CHANGES:
+        return ""
+    plain = re.sub(r"[(#]|<[^<>\n]*>", " ", before)
+    phrases = map(_without_types, _SIGNS.split(plain)[::-1])
+    for phrase in filter(None, phrases):
+        name, unit = split_header(phrase)
+        role = role_of(name, unit)
+        if role in QUANTITY_OF:
+            # Of several lists, each has its unit after it.
+            near = [*re.findall(r"[^\W\d_][\w/]*", after), *reversed(_WORD.findall(before))]
+            found = (one for one in near if is_unit_of(plain_unit(one), QUANTITY_OF[role]))
+            unit = unit or next(found, "")
+            return f"{name} [{unit}]" if unit else name
+        known = {one for one in meanings_of(name) if one != "?" and not one.isdigit()}
+        if known - {"group"} and not is_beside(name):
+            break
     return ""

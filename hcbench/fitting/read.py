@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.assumed import is_train, named, with_units
+from hcbench.fitting.assumed import completed, is_train
 from hcbench.fitting.column_names import (
     DATA_KINDS,
     EXPECTED_COLUMNS,
@@ -82,8 +82,12 @@ _OF_E = 0.05
 _ONE_SPEED = 1e-6
 # Flights that are all shorter, s, are those of no ball one sees: contacts, or another unit.
 _SHORTEST = 10e-3
+# The same of flights that are all longer: those of a ball from 120 m.
+_LONGEST = 10.0
 # Roles that leave a column of times to mean something else than touches.
 _OF_SOMETHING_ELSE = frozenset({"height_in", "speed", "speed_in", "speed_out"})
+# Meanings of a column by which rows differ.
+_NUMBERS = {"number", "bounce", "touch"}
 # Bounces in a row that may be missing from a table: numbers with wider gaps count something else.
 _MOST_UNSEEN = 3
 # Bounces not seen that a sentence names.
@@ -149,7 +153,7 @@ def _read(
             continue
         try:
             with explained(table.name, table.header), computed(table.name):
-                columns, of_kind = _understood(table, kind, setup)
+                columns, of_kind = _understood(table, kind)
                 if of_kind in ("force", "loop"):
                     got = "forces among other files"
                     raise UserError(table.name, got, "one file of forces alone")
@@ -222,23 +226,18 @@ def _begins_with(longer: Dataset, data: Dataset) -> bool:
     )
 
 
-def _understood(
-    table: Table, asked: str | None, setup: MeasurementSetup
-) -> tuple[DataColumns, str]:
+def _understood(table: Table, asked: str | None) -> tuple[DataColumns, str]:
     """The columns of a table by role, rows without a reading left out and times rising, and the kind of
     data.
 
     asked: one of KINDS, or None. Raises UserError where the columns are not data of a kind.
     """
-    table, of_names = named(table)
+    table, assumed = completed(table, asked)
     with explained(table.name, table.header):
-        columns = columns_of(table, asked)
+        columns = replace(columns_of(table, asked), assumed=assumed)
         kind = _kind_of(columns, asked)
         of_kind = _of_bounces(columns, kind, asked)
-        columns = _complete(columns, of_kind)
-        table, of_units = with_units(columns.table, columns.places)
-        assumed = "; ".join(filter(None, (of_names or of_units, columns.assumed)))
-        return replace(columns, table=table, assumed=assumed), of_kind
+        return _complete(columns, of_kind), of_kind
 
 
 def _kind_of(columns: DataColumns, asked: str | None) -> str:
@@ -313,8 +312,9 @@ def _complete(columns: DataColumns, kind: str) -> DataColumns:
         is_turned = len(numbers) > 1 and bool((np.diff(numbers) < 0).all())
         if is_turned or (kind != "times" and len(set(numbers.tolist())) == len(numbers)):
             return columns.taken(np.argsort(numbers, kind="stable").tolist())
-        if kind != "times":
-            return columns.taken(_without_copies(columns))
+    is_numbered = any(meanings_of(name) & _NUMBERS for name, _ in columns.table.header)
+    if "time" in columns.places or (kind in ("times", "heights") and is_numbered):
+        return columns.taken(_without_copies(columns))
     return columns
 
 
@@ -345,7 +345,7 @@ def _force_columns(path: Path, kind: str | None) -> tuple[DataColumns, str] | No
         ):
             continue
         with explained(table.name, table.header):
-            columns = columns_of(table, kind)
+            columns = columns_of(completed(table, kind)[0], kind)
             if "force" not in columns.roles:
                 continue
             if kind is None and kind_of(columns.roles) not in ("force", "loop"):
@@ -503,8 +503,11 @@ def _touch_times(
     if len(times) < setup.least_touches:
         raise too_few_touches(name, len(times), setup.least_touches)
     _require_few(name, len(times), "times")
-    if len(times) > 1 and np.diff(times).max() < _SHORTEST:
-        got = f"flights of at most {np.diff(times).max():.2g} s"
+    flights = np.diff(times)
+    if len(flights) and (flights.max() < _SHORTEST or flights.min() > _LONGEST):
+        is_short = flights.max() < _SHORTEST
+        bound = f"most {flights.max():.2g}" if is_short else f"least {flights.min():.2g}"
+        got = f"flights of at {bound} s"
         raise UserError(name, got, "those of a bouncing ball", "Look at the unit")
     if setup.contact_time.value >= np.diff(times).min():
         got = f"{setup.contact_time.value:g} s, and two touches {np.diff(times).min():.3g} s apart"
@@ -543,6 +546,11 @@ def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     """
     columns, numbers = _seen(columns, "height")
     heights = columns.get("height")
+    above = np.flatnonzero(heights > 0)
+    if 0 < len(above) == above[-1] + 1:
+        # After the last bounce that rises, the ball rests at 0.
+        columns, heights = columns.taken(above.tolist()), heights[above]
+        numbers = None if numbers is None else numbers[above]
     columns.require("height", heights > 0, "above 0: the bottom of the ball above the plate")
     require_bounds(f"{columns.table.name}: height", heights.tolist(), "length", "m")
     if (
@@ -639,6 +647,9 @@ def _speeds(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     name = columns.table.name
     before = columns.get("speed_in")
     after = columns.get("speed_out")
+    if (before * after <= 0.0).all():
+        # A velocity is turned round.
+        before, after = np.abs(before), np.abs(after)
     columns.require("speed_in", before > 0, "a speed above 0")
     require_bounds(f"{name}: speed_in", before.tolist(), "speed", "m/s")
     gains = after > 1.2 * before

@@ -8,8 +8,15 @@ import itertools
 import re
 from typing import TYPE_CHECKING
 
-from hcbench.fitting.cells import is_missing, looks_numeric
-from hcbench.fitting.column_names import is_beside, is_unit, meanings_of, role_of, split_header
+from hcbench.fitting.cells import counts, is_missing, looks_numeric
+from hcbench.fitting.column_names import (
+    is_beside,
+    is_unit,
+    meanings_of,
+    of_file,
+    role_of,
+    split_header,
+)
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -197,6 +204,9 @@ def _score(texts: Sequence[str], separator: str) -> tuple[float, int, int]:
         if separator == "," and any(re.fullmatch(r"0\d+", cell) for cell in cells):
             # "0,05" is no 0 and 05.
             numeric = 0
+        if of_file(cells[0]) and not looks_numeric(cells[0]):
+            # "fps,240" tells of the file.
+            numeric = 0
         empty = sum(map(is_missing, cells))
         if not numeric or 2 * (numeric + empty) < len(cells):
             continue
@@ -205,7 +215,7 @@ def _score(texts: Sequence[str], separator: str) -> tuple[float, int, int]:
         widths[len(cells)] = widths.get(len(cells), 0.0) + numeric * share**2
         first.setdefault(len(cells), at)
         heads.setdefault(len(cells), []).append(cells[0])
-        full[len(cells)] = max(full.get(len(cells), 0), len([*_trimmed(cells)]))
+        full[len(cells)] = max(full.get(len(cells), 0), len(trimmed(cells)))
     if not widths:
         return 0.0, 0, len(texts)
     of_width = {}
@@ -215,7 +225,7 @@ def _score(texts: Sequence[str], separator: str) -> tuple[float, int, int]:
         for at in range(first[width]):
             for way in header_cells(texts[at], separator, width):
                 known = any(role_of(*split_header(cell)) for cell in way)
-                fits = {len(way), len(_trimmed(way))} & {width, full[width]}
+                fits = {len(way), len(trimmed(way))} & {width, full[width]}
                 # The index of the rows may have no name.
                 if fits or (known and is_counted and len(way) == width - 1):
                     worth = max(worth, 10.0 if known else 2.0)
@@ -231,19 +241,12 @@ def _known_names(texts: Sequence[str], separator: str) -> int:
     return sum(role_of(*split_header(cell)) != "" for cell in cells)
 
 
-def counts(cells: Sequence[str]) -> bool:
-    """Say whether cells count rows: whole numbers, each one above the one before."""
-    if len(cells) < 2 or not all(map(str.isdigit, cells)):
-        return False
-    return all(int(b) - int(a) == 1 for a, b in itertools.pairwise(cells))
-
-
-def _trimmed(cells: Sequence[str]) -> list[str]:
+def trimmed(cells: Sequence[str]) -> tuple[str, ...]:
     """Cells without the empty ones at their end."""
-    kept = list(cells)
-    while kept and not kept[-1]:
-        kept.pop()
-    return kept
+    count = len(cells)
+    while count and not cells[count - 1]:
+        count -= 1
+    return tuple(cells[:count])
 
 
 def header_cells(text: str, separator: str, width: int) -> Iterator[list[str]]:
@@ -313,22 +316,27 @@ _OF_LIST = re.compile(
 )
 
 
-def listed_names(lines: Sequence[str], count: int) -> tuple[str, ...]:
-    """Names of `count` columns that stand in brackets in one of the lines, as in SQL, or below one
-    another in the last ones, as in ARFF; () where none of them is known.
-    """
+def names_in_brackets(lines: Sequence[str], count: int) -> tuple[str, ...]:
+    """Names of `count` columns that stand in brackets in one of the lines, as in SQL; () for none."""
     ways = [
         [(part.split() or [""])[0] for part in inside.split(",")]
         for line in lines
         for inside in re.findall(r"\(([^()]*,[^()]*)\)", line)
     ]
+    return next((tuple(way) for way in reversed(ways) if _are_names(way, count)), ())
+
+
+def listed_names(lines: Sequence[str], count: int) -> tuple[str, ...]:
+    """Names of `count` columns in brackets, or below one another in the last lines, as in ARFF; ()
+    for none.
+    """
     below = [line for line in lines if not line.strip().lower().startswith(("@data", "@relation"))]
-    ways.append([_OF_LIST.sub("", line).strip() for line in below[-count:]])
-    # "rate = 240" has a value: it names nothing.
-    known = [
-        way
-        for way in ways
-        if len(way) == count > 1
-        and all(_is_known(one) and not set(one) & {"=", ":"} for one in way)
-    ]
-    return tuple(known[-1]) if known else ()
+    way = [_OF_LIST.sub("", line).strip() for line in below[-count:]]
+    return tuple(way) if _are_names(way, count) else names_in_brackets(lines, count)
+
+
+def _are_names(way: Sequence[str], count: int) -> bool:
+    """Say whether texts name `count` columns: "rate = 240" has a value, and names nothing."""
+    return len(way) == count > 1 and all(
+        _is_known(one) and not set(one) & {"=", ":", "<"} for one in way
+    )

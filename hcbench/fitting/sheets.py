@@ -8,13 +8,18 @@ import re
 import unicodedata
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html.parser import HTMLParser
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
-from hcbench.fitting.column_names import explained, is_short_latin, is_word_of_header
-from hcbench.fitting.numbers_in_text import rows_in_text
+from hcbench.fitting.column_names import (
+    explained,
+    is_short_latin,
+    is_unit,
+    is_word_of_header,
+    plain_unit,
+)
 from hcbench.fitting.separators import Row, rows_of
 from hcbench.system.errors import UserError
 from hcbench.system.files import is_file, parse_json, read_bytes, require_small_archive
@@ -33,30 +38,11 @@ _PLACE = re.compile(rb'<(?:\w+:)?c\b[^>]*?\br="([A-Z]{1,3})(\d{1,7})"')
 _ZEROS = 0.3
 _OLD_WORKBOOK = b"\xd0\xcf\x11\xe0"
 _ARCHIVE = b"PK\3\4"
-# Lines of records, as in YAML and of `rostopic echo`: "  - time: 0.32", "---".
-_NAMED = re.compile(r"\s*(?:- )?[^\W\d][\w ./]*:(?:\s|$)|---\s*$|#")
 # Encodings of text that is not in UTF: the first is taken where no word tells.
 _ENCODINGS = (
-    "cp1252",
-    "cp1250",
-    "cp1251",
-    "cp1253",
-    "cp1254",
-    "cp1255",
-    "cp1256",
-    "cp1257",
-    "cp1258",
-    "cp874",
-    "cp932",
-    "euc_jp",
-    "gb18030",
-    "big5",
-    "cp949",
-    "koi8_r",
-    "cp866",
-    "cp852",
-    "cp850",
-    "mac_roman",
+    *("cp1252", "cp1250", "cp1251", "cp1253", "cp1254", "cp1255", "cp1256", "cp1257", "cp1258"),
+    *("cp874", "cp932", "euc_jp", "gb18030", "big5", "cp949", "koi8_r", "cp866", "cp852"),
+    *("cp850", "mac_roman"),
 )
 # Arabic signs of decimals, of thousands and between cells; marks of the direction of writing.
 _SIGNS_OF_NUMBERS = {0x66B: ".", 0x66C: "'", 0x61B: ";", 0x60C: ","} | dict.fromkeys(
@@ -180,7 +166,8 @@ def _of_text(name: str, text: str) -> Sheet:
     begin = text.lstrip()[:1]
     if begin in ("{", "["):
         try:
-            return _of_json(name, parse_json(text))
+            # The text of a notebook or a chat is among what it says of itself.
+            return replace(_of_json(name, parse_json(text)), text=text)
         except ValueError:
             records = _of_json_lines(text)
             if records:
@@ -190,8 +177,6 @@ def _of_text(name: str, text: str) -> Sheet:
         page.feed(text)
         return Sheet(name, tuple(enumerate(map(tuple, page.rows), 1)))
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
-    if all(_NAMED.match(line) for _, line in lines) and (rows := rows_in_text(text)):
-        return Sheet(name, rows, text)
     return Sheet(name, rows_of(name, lines), text)
 
 
@@ -288,8 +273,8 @@ def _series(value: Any) -> tuple[str, list[Any] | None]:
         return "", [value[key] for key in sorted(value, key=int)]
     lists = [one for one in value.values() if isinstance(one, list)]
     if len(lists) == 1 and all(map(_is_scalar, lists[0])):
-        unit = next((one for key, one in value.items() if key.lower() in ("unit", "units")), "")
-        return str(unit), lists[0]
+        texts = (one for one in value.values() if isinstance(one, str))
+        return next((one for one in texts if is_unit(plain_unit(one))), ""), lists[0]
     return "", None
 
 

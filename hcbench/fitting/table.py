@@ -10,8 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.cells import NumberStyle, is_missing
-from hcbench.fitting.column_names import NO_UNIT, plain_unit
+from hcbench.fitting.cells import NumberCell, NumberStyle, is_missing
+from hcbench.fitting.column_names import (
+    NO_UNIT,
+    QUANTITIES_OF_COLUMNS,
+    is_unit_of,
+    plain_unit,
+)
 from hcbench.system.errors import QuantityError, UserError
 from hcbench.terms import units
 from hcbench.terms.bounds import beyond_bounds, require_bounds
@@ -19,7 +24,6 @@ from hcbench.terms.bounds import beyond_bounds, require_bounds
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from hcbench.fitting.cells import NumberCell
     from hcbench.terms.impact import Floats
 
 # Smallest measured value of bounces, SI; its inverse is the largest.
@@ -67,7 +71,16 @@ class Table:
 
     def numbers(self, at: int) -> Floats:
         """A column as it stands, in its own unit, (n,); NaN for other text."""
-        return np.array([self.number(text) for text in self.texts(at)])
+        return np.array([math.nan if cell is None else cell.value for cell in self._cells(at)])
+
+    def _cells(self, at: int) -> list[NumberCell | None]:
+        """The cells of a column as numbers, None for other text: those with a unit in that of the header,
+        or of the first cell.
+        """
+        read = [self.style.read(text) for text in self.texts(at)]
+        units_of_cells = (plain_unit(cell.unit) for cell in read if cell and cell.unit)
+        unit = self.header[at][1] or next(units_of_cells, "")
+        return [cell and _in_unit(cell, unit) for cell in read]
 
     def texts(self, at: int) -> list[str]:
         """The cells of a column, as the file has them."""
@@ -122,9 +135,7 @@ class Table:
     def _read(self, at: int) -> list[NumberCell]:
         """The cells of a column as numbers. Raises UserError for one that is none."""
         found = []
-        for row, line in zip(self.cells, self.lines, strict=True):
-            text = cell_of(row, at)
-            cell = self.style.read(text)
+        for cell, text, line in zip(self._cells(at), self.texts(at), self.lines, strict=True):
             if cell is None or math.isinf(cell.value) or math.isinf(cell.uncertainty):
                 where = f"{self.name}, line {line}"
                 raise UserError(where, f"{text.strip()!r} under {self.header[at][0]!r}", "a number")
@@ -135,11 +146,10 @@ class Table:
         """The unit of a column: of its header, of its cells, or of a line before the table."""
         unit = self.header[at][1]
         if not unit:
-            written = {
-                cell.unit for row in self.cells if (cell := self.style.read(cell_of(row, at)))
-            }
+            written = {plain_unit(cell.unit) for cell in self._cells(at) if cell}
+            # Whether the cells without a unit have that of the others, nothing says.
             if len(written) == 1:
-                unit = plain_unit(next(iter(written)))
+                unit = next(iter(written))
         unit = unit or dict(self.units).get(quantity, "")
         if not unit and quantity == "time":
             unit = self._unit_of_dates(at)
@@ -173,6 +183,19 @@ class Table:
         si_unit = units.QUANTITIES[quantity].unit
         require_bounds(f"{self.name}: {name}", (values * scale).tolist(), quantity, si_unit, 0.0)
         return np.asarray(values * scale)
+
+
+def _in_unit(cell: NumberCell, unit: str) -> NumberCell:
+    """A cell in a unit, where it has another one of the same quantity; else as it is."""
+    own = plain_unit(cell.unit) if cell.unit else ""
+    alike = (of for of in QUANTITIES_OF_COLUMNS if is_unit_of(own, of) and is_unit_of(unit, of))
+    quantity = next(alike, "") if own and own != unit else ""
+    if not quantity:
+        return cell
+    ratio = units.parse(f"1 {own}", quantity, own) / units.parse(f"1 {unit}", quantity, unit)
+    # 1301 mm are 130.1 cm, to the last digit.
+    value, uncertainty = (float(f"{one * ratio:.12g}") for one in (cell.value, cell.uncertainty))
+    return NumberCell(value, uncertainty, unit)
 
 
 @contextmanager

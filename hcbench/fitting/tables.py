@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import itertools
-import math
 import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from hcbench.fitting.cells import is_missing, looks_numeric, style_of
+from hcbench.fitting.cells import counts, is_missing, looks_numeric, style_of
 from hcbench.fitting.column_names import (
     NO_UNIT,
     QUANTITIES_OF_COLUMNS,
@@ -23,39 +22,35 @@ from hcbench.fitting.column_names import (
     split_header,
 )
 from hcbench.fitting.drops import LEAST_ROWS, drops_of
-from hcbench.fitting.separators import counts, listed_names
+from hcbench.fitting.separators import listed_names, names_in_brackets, trimmed
 from hcbench.fitting.table import Table
 from hcbench.system.errors import UserError
-from hcbench.terms import units
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from hcbench.fitting.cells import NumberCell, NumberStyle
+    from hcbench.fitting.cells import NumberStyle
     from hcbench.fitting.separators import Row
     from hcbench.fitting.sheets import Sheet
 
 # Rows above the numbers that may have names or units.
 _MOST_HEADER_ROWS = 6
 # Words before a number over the rows above.
-_SUMS = (
-    "sum",
-    "total",
-    "min",
-    "max",
-    "minimum",
-    "maximum",
-    "count",
-    "range",
-    "summe",
-    "somme",
-    "suma",
-    "var",
-    "variance",
-)
+_SUMS = {
+    *("sum", "total", "min", "max", "minimum", "maximum", "count", "range", "summe", "somme"),
+    *("suma", "var", "variance"),
+}
 # Quantities whose units a line before the table may name.
 _UNITS_OF = {"unit of length": "position", "unit of time": "time"}
-_RATE_IN_WORDS = re.compile(r"(\d+(?:[.,]\d+)?)\s*(?:fps|hz|frames\s*(?:per|/)\s*s)", re.IGNORECASE)
+# "240 fps", "120 frames per second", "120 images/s", "30 кадров/с".
+_RATE_IN_WORDS = re.compile(
+    r"(\d+(?:[.,]\d+)?)\s*(?:fps|hz|frames\s*per\s*s|[^\W\d_]{4,}\s*/\s*[sс]\b)", re.IGNORECASE
+)
+
+# "clicks in seconds", "heights (cm)", "touches, in ms"; no "ball(s)", and no "v (in)".
+_UNIT_IN_WORDS = re.compile(
+    r"(?:\bin\s+|\ben\s+|(?<!\w)[(\[](?!in\b))([^\W\d_][^\W\d_/]*(?:/\w+)?)(?=[)\]\s.,;:]|$)(?!\W*\d)"
+)
 
 
 def tables_of(sheet: Sheet) -> list[Table]:
@@ -149,7 +144,7 @@ def _names(cells: Sequence[str]) -> int:
 def _table(name: str, rows: list[Row], above: list[tuple[str, ...]]) -> Table:
     """The table in these rows, below others. Raises UserError, `explained`, where there is none."""
     begin, end = _block(name, rows)
-    width = max(len(_trimmed(cells)) for _, cells in rows[begin:end])
+    width = max(len(trimmed(cells)) for _, cells in rows[begin:end])
     # "Run 2", alone in its line, parts drops.
     body = [row for row in rows[begin:end] if not _is_label(row[1], width)]
     header, before = _header(rows[:begin], body, width)
@@ -174,7 +169,7 @@ def _table(name: str, rows: list[Row], above: list[tuple[str, ...]]) -> Table:
         units=tuple(written.items()),
     )
     with explained(name, table.header):
-        table = _in_one_unit(replace(table, style=_style(table)))
+        table = replace(table, style=_style(table))
         for row, line in zip(table.cells, table.lines, strict=True):
             if any(row[len(header) :]):
                 got = f"{len(row)} cells"
@@ -201,9 +196,9 @@ def _block(name: str, rows: list[Row]) -> tuple[int, int]:
         with explained(name, header):
             raise UserError(name, got, "a header and rows of numbers")
     above = max((i for i in range(start) if _names(rows[i][1])), default=-1)
-    width = len(_trimmed(rows[start][1]))
+    width = len(trimmed(rows[start][1]))
     begin = next(
-        i for i in range(above + 1, start + 1) if is_data[i] and len(_trimmed(rows[i][1])) == width
+        i for i in range(above + 1, start + 1) if is_data[i] and len(trimmed(rows[i][1])) == width
     )
     end = next((i for i in range(start, len(rows)) if _sums_up(rows[i][1])), len(rows))
     return begin, end
@@ -217,14 +212,6 @@ def _sums_up(cells: Sequence[str]) -> bool:
     )
 
 
-def _trimmed(cells: Sequence[str]) -> tuple[str, ...]:
-    """Cells without the empty ones at their end."""
-    count = len(cells)
-    while count and not cells[count - 1]:
-        count -= 1
-    return tuple(cells[:count])
-
-
 def _header(
     above: list[Row], body: list[Row], width: int
 ) -> tuple[tuple[tuple[str, str], ...], list[tuple[str, ...]]]:
@@ -233,7 +220,7 @@ def _header(
     body: the rows of numbers; width: their cells. Names may have a row of units below them, a row
     of groups above them, as motion capture writes it, or be missing: then all are "".
     """
-    rows = [_trimmed(cells) for _, cells in above]
+    rows = [trimmed(cells) for _, cells in above]
     near = [
         i
         for i in range(max(0, len(rows) - _MOST_HEADER_ROWS), len(rows))
@@ -248,10 +235,12 @@ def _header(
     if at is not None and not _names(rows[at]):
         # No name is known: the row next to the numbers is the header, unless it is a title.
         at = next(
-            (i for i in reversed(near) if not _are_units(rows[i]) and len(rows[i]) == width), None
+            (i for i in reversed(near) if not _are_units(rows[i]) and len(rows[i]) >= width), None
         )
+    listed = names_in_brackets([", ".join(row) for row in rows], width)
     if at is None:
         listed = listed_names([" ".join(row) for row in rows], width)
+    if listed or at is None:
         return tuple(map(split_header, listed or [""] * width)), rows
     names = _padded(rows[at], body, width)
     # Numbers beyond the last name may be halves of numbers with commas: no name is made up for them.
@@ -288,7 +277,7 @@ def _fits(cells: tuple[str, ...], body: list[Row], width: int) -> bool:
     """Say whether a row may name the columns of the numbers below it."""
     if not any(any(map(str.isalpha, cell)) for cell in cells) or any(map(looks_numeric, cells)):
         return False
-    if len(cells) == width or (len(cells) == width - 1 and _is_counted(body)):
+    if len(cells) >= width or (len(cells) == width - 1 and _is_counted(body)):
         return True
     return _names(cells) > 0 and (width == 1 or len(cells) > 1)
 
@@ -336,6 +325,9 @@ def _said_before(rows: list[tuple[str, ...]]) -> tuple[float | None, dict[str, s
             elif meaning == "dimension of x" and role_of(value.lower()) == "time":
                 # LabVIEW counts its x in s and names it x_value.
                 written |= {"x": "time", "time": "s"}
+        for unit in map(plain_unit, _UNIT_IN_WORDS.findall(text) if len(cells) == 1 else ()):
+            quantities = [of for of in QUANTITIES_OF_COLUMNS if is_unit_of(unit, of)]
+            written |= {of: unit for of in quantities if of not in written}
         match = _RATE_IN_WORDS.search(text)
         if match is not None:
             frequency = frequency or float(match[1].replace(",", "."))
@@ -351,45 +343,9 @@ def _style(table: Table) -> NumberStyle:
     return style_of(table.name, [table.texts(i) for i in range(len(table.header))])
 
 
-def _in_one_unit(table: Table) -> Table:
-    """The table with the cells of each column in one unit: that of the header, or of the first cell."""
-    cells = [list(row) for row in table.cells]
-    header = list(table.header)
-    for at, (name, unit) in enumerate(table.header):
-        read = [table.style.read(text) for text in table.texts(at)]
-        written = [plain_unit(cell.unit) if cell and cell.unit else "" for cell in read]
-        first = next(filter(None, written), "")
-        wanted = unit or first
-        quantity = next((of for of in QUANTITIES_OF_COLUMNS if is_unit_of(wanted, of)), "")
-        is_mixed = any(one and one != wanted for one in written) and quantity
-        if not is_mixed or not all(is_unit_of(one, quantity) for one in filter(None, written)):
-            continue
-        if not unit and not all(written[i] for i, cell in enumerate(read) if cell):
-            # Whether the cells without a unit have that of the others, nothing says.
-            continue
-        for i, cell in enumerate(read):
-            if cell and written[i] and written[i] != wanted:
-                ratio = units.parse(f"1 {written[i]}", quantity, name) / units.parse(
-                    f"1 {wanted}", quantity, name
-                )
-                cells[i][at] = _as_text(cell, ratio, table.style)
-            elif cell and not unit:
-                cells[i][at] = _as_text(cell, 1.0, table.style)
-        header[at] = (name, wanted)
-    return replace(table, header=tuple(header), cells=tuple(map(tuple, cells)))
-
-
-def _as_text(cell: NumberCell, ratio: float, style: NumberStyle) -> str:
-    """A cell in another unit, `ratio` of which is one of its own."""
-    numbers = [
-        f"{one * ratio:.12g}" for one in (cell.value, cell.uncertainty) if not math.isnan(one)
-    ]
-    return " ± ".join(numbers).replace(".", style.decimal)
-
-
 def _is_label(cells: Sequence[str], width: int) -> bool:
     """Say whether a row of a table of `width` columns has a word alone, such as "Run 2"."""
-    given = _trimmed(cells)
+    given = trimmed(cells)
     if len(given) != 1 or looks_numeric(given[0]):
         return False
     words = {meaning for meaning in meanings_of(given[0]) if not meaning.isdigit()}

@@ -143,14 +143,3 @@ def test_the_height_of_the_balls_top_is_no_height_of_a_bounce(tmp_path: Path) ->
     path.write_text("bounce,height of top of ball [cm]\n1,36.7\n2,21.2\n3,15.1\n4,12.4\n")
     with pytest.raises(UserError, match="height of top of ball"):
         hb.fit(path)
-
-
-def test_a_mail_with_a_quoted_table_is_refused_by_name(tmp_path: Path) -> None:
-    path = tmp_path / "re.eml"
-    path.write_text(
-        "Content-Type: text/plain; charset=utf-8\n\n"
-        "> here are the clicks, in seconds from the start:\n>\n> click 1   1.3978\n"
-        "> click 2   1.7889\n> click 3   2.0558\n> click 4   2.2595\n"
-    )
-    with pytest.raises(UserError, match=r"^re\.eml: "):
-        hb.fit(path)
