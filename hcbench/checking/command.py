@@ -57,8 +57,9 @@ def check(
 ) -> Report:
     """Run the checks that a specification names, and write files of the results.
 
-    spec.model: () for the [tool.hcbench] of ./pyproject.toml; a TOML file with such a table; a study or the
-        folder of its report; else a model.
+    spec.models: () for the [tool.hcbench] of ./pyproject.toml; a TOML file with such a table; a
+    study or the folder of its report; else a model.
+    jobs: worker processes, for a study. progress: called with (done, in all).
     measure_only: no check may have a target; else, unless a baseline is written, each needs one.
     Raises UserError for what cannot be planned, and OutputError for what cannot be written.
     """
@@ -77,7 +78,8 @@ def _run(
 ) -> Report:
     """The report on a model, on each check of a TOML file, or on a study or its results.
 
-    measure_only: no check may have a target.
+    jobs: worker processes, for a study. progress: called with (done, in all). measure_only: no
+    check may have a target.
     Raises UserError for a spec that cannot be planned, before anything runs. Errors of single
     checks become outcomes.
     """

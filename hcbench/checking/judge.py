@@ -282,7 +282,10 @@ def judge_results(results: Results, max_error: float, reading: Reading = "law") 
 
 
 def _conditions(run: Mapping[str, Any]) -> str:
-    """Gravity and other conditions of a setting, as a phrase; "" where there are none."""
+    """Gravity and other conditions of a setting, as a phrase; "" where there are none.
+
+    run: values of a study's run by the keys of RUN_KEY, SI; one of 0 is left out.
+    """
     texts = ("gravity {:g} m/s^2", "{:g} m off the axis", "friction {:g}")
     phrase = ""
     for name, text in zip(CONDITIONS, texts, strict=True):
@@ -294,7 +297,8 @@ def _conditions(run: Mapping[str, Any]) -> str:
 def _judge_run(key: Any, impacts: pd.DataFrame, max_error: float, reading: Reading) -> Outcome:
     """The verdict on one setting, α and step of a study.
 
-    key: values of RUN_KEY. impacts: a row each.
+    key: values of RUN_KEY. impacts: a row each. max_error: of e, the limit. reading: which law's e
+    is the target.
     Impacts without an e fail it.
     """
     run = dict(zip(RUN_KEY, key, strict=True))

@@ -119,9 +119,11 @@ Newton = str | NewtonSpring
 
 
 def read_adams(given: Adams, slot: str = "adams") -> AdamsImpact:
-    """IMPACT of "k, e, cmax, d", SI or with units (k N/m^e, cmax N s/m, d m), or one that was read.
+    """IMPACT of MSC Adams from "k, e, cmax, d", SI or with units (k N/m^e, cmax N s/m, d m); one
+    that was read is returned as it is.
 
-    Raises UserError for text of other parts, and for numbers that IMPACT does not take.
+    slot: name of the option in errors. Raises UserError for text of other parts, and for numbers
+    that IMPACT does not take.
     """
     if isinstance(given, AdamsImpact):
         return given
@@ -136,8 +138,10 @@ def read_adams(given: Adams, slot: str = "adams") -> AdamsImpact:
 
 
 def read_newton(given: Newton, slot: str = "newton") -> NewtonSpring:
-    """The contact of "SOLVER, ke, kd", or one that was read. ke and kd as in `NewtonSpring`.
+    """The contact of Newton from "SOLVER, ke, kd"; one that was read is returned as it is.
 
+    ke and kd: as in `NewtonSpring`, 1/s² and 1/s for the solver mujoco, N/m and N s/m for
+    semi-implicit. slot: name of the option in errors.
     Raises UserError for text of other parts, for an unknown solver, and for numbers without
     meaning.
     """
@@ -154,7 +158,8 @@ def read_newton(given: Newton, slot: str = "newton") -> NewtonSpring:
 def _parts(value: Any, slot: str, expected: str, count: int) -> list[str]:
     """The parts of a text between commas, `count` of them, without spaces around each.
 
-    Raises UserError with `slot` for another number of parts and for anything but text.
+    value: the text. Raises UserError with `slot` and `expected`, in words, for another number of
+    parts and for anything but text.
     """
     parts = []
     if isinstance(value, str):

@@ -112,7 +112,11 @@ def impact(
 
 
 def _depth_scale(law: ForceLaw, mass: float, speed: float) -> float:
-    """X with F(X, 0) X = m v_i², m. Raises UserError for a law that stores this energy nowhere."""
+    """Depth scale X of an impact, m, with F(X, 0) X = m v_i².
+
+    law: F in N over m. mass: m, kg. speed: v_i, m/s. Raises UserError for a law that stores this
+    energy nowhere between 1e-15 and 1e3 m.
+    """
     energy = mass * speed**2
 
     def excess(log_x: float) -> float:

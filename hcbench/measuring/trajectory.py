@@ -90,11 +90,12 @@ def _arrays(trajectory: Any) -> dict[str, Floats]:
 
 
 def _touchdowns(recorded: dict[str, Floats], job: Job) -> TrajectoryTouchdowns:
-    """Touchdowns in a recording: qpos (n, nq), qvel (n, nv) and, where it is known, time (n,), s.
+    """Touchdowns of a robot in a recorded motion.
 
-    job: of the model; its request's pair is the one to read, None: each part that moves, on what
-    does not. Raises UserError for an engine in which hcbench reads no recordings, for other shapes,
-    and as `source_of` does; SceneError for a file that no engine opens.
+    recorded: qpos (n, nq), qvel (n, nv) and, where it is known, time (n,), s. job: of the model;
+    its request's pair is the one to read, None: each part that moves, on what does not.
+    Raises UserError for an engine in which hcbench reads no recordings, for other shapes, and as
+    `source_of` does; SceneError for a file that no engine opens.
     """
     engine, source, _ = source_of(job)
     if not isinstance(engine, LandsRobots):

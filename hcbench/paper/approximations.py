@@ -69,8 +69,10 @@ class Approximation:
         return np.asarray(self.ratio(values, exponent) - 1.0)
 
     def reaches(self, error: float, exponent: float = 1.5) -> float:
-        """The smallest α v_i where it is wrong by `error` (0.01: one per cent),
-        up or down; inf if beyond 100. Raises UserError unless 0 < error < 1.
+        """The smallest α v_i where the step is wrong by `error`, up or down; inf if beyond 100.
+
+        error: relative, 0.01 is one per cent. exponent: n of the law. Raises UserError unless 0 <
+        error < 1.
         """
         require("error", error, 0.0 < error < 1.0, "an error between 0 and 1, such as 0.01")
 

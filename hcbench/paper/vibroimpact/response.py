@@ -122,7 +122,9 @@ def _simulate(
     touches, see `Orbits`, shape (5, cases, keep).
 
     cases: systems that differ in their gap alone, and the drive of each.
-    start: position (m) and velocity (m/s). Raises as `orbits`.
+    cycles: periods of the drive that each runs; the last `keep` are kept.
+    start: position (m) and velocity (m/s). tolerance: error of a step over the size of the motion.
+    Raises as `orbits`.
     """
     system, _ = cases[0]
     position, velocity = start.tolist()

@@ -118,7 +118,11 @@ def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, s
 
 
 def _holding(model: Any, start: Any, root: int, gains: Sequence[float]) -> _Pd:
-    """The servos and motors of a robot that hold its pose; arguments are those of `_pd`."""
+    """The servos and motors of a robot that hold its pose.
+
+    start: MjData of the pose, with its kinematics and mass matrix. root: number of the robot's base
+    body. gains: kp and kd of all motors, SI; [] for those by weight and inertia.
+    """
     servos: list[int] = []
     targets: list[float] = []
     motors: list[_Motor] = []
@@ -147,8 +151,9 @@ def _holding(model: Any, start: Any, root: int, gains: Sequence[float]) -> _Pd:
 def hold_pose(model: Any, start: Any, root: int) -> tuple[Floats, str]:
     """(controls that hold the pose, (nu,); what holds it), as "pd" of `drive_of` does.
 
-    The motors of the model become servos with the gains and the torques that PD gives them: so
+    model: changed: its motors become servos with the gains and the torques that PD gives them, so
     constant controls hold the pose.
+    start: MjData of the pose, left as it was. root: number of the robot's base body.
     """
     before = start.ctrl.copy()
     drive, words = drive_of("pd", model, start, root)

@@ -129,7 +129,15 @@ class _DropMotion:
 
 @dataclass(frozen=True, slots=True)
 class _Settling:
-    """The end of a drop, see `Landed`; NaN and false for a drop that is too short to settle."""
+    """The end of a drop; NaN and false for a drop that is too short to settle.
+
+    rest: time from the touch until it lies still, s, infinite if it does not. sink: of the deepest
+    point into the floor, m. travel: along the floor since the touch, m.
+    creep: mean speed along the floor in the end, m/s. vibration: rms of the centre's velocity about
+    its mean there, m/s. late: number of flights that begin after LATE_S.
+    sag: lowering of the centre since the touch that is not sink, m. fell: whether the robot fell
+    over.
+    """
 
     rest: float = math.nan
     sink: float = math.nan
@@ -257,7 +265,12 @@ class DropBench:
         return max(float(up @ centre) - lowest, 1e-3)
 
     def _landed(self, drop: RobotDrop, seconds: float) -> Landed | None:
-        """Simulate and read one drop; None where it diverges, or never touches the floor."""
+        """Simulate and read one drop, `seconds` long; None where it diverges, or never touches the
+        floor.
+
+        drop: one of those whose release is known. The result is of `_judged`. MuJoCo's fatal errors
+        pass.
+        """
         mujoco = backend()
         steps = round(seconds / self.timestep)
         forget_resets(self._data)
@@ -501,7 +514,8 @@ def _add_contact_sensor(
 ) -> None:
     """Add a sensor of all contacts of a base's tree with one body that stands still.
 
-    base, floor: names of the two bodies. read: _NET_FORCE or _LEAST_DISTANCE.
+    spec: changed. name: of the sensor. base, floor: names of the two bodies. read: _NET_FORCE or
+    _LEAST_DISTANCE.
     """
     objects = backend().mjtObj
     sensor = spec.add_sensor(
@@ -520,6 +534,7 @@ def _flights(pushes: NDArray[np.bool_], touch: int, timestep: float) -> list[tup
     """(first step, step after the last) of each flight after the touch that is longer than chatter.
 
     pushes: of each step, whether the floor pushes, (n,). touch: number of the first that does.
+    timestep: s.
     """
     off = ~pushes
     off[:touch] = False

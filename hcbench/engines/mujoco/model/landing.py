@@ -424,7 +424,8 @@ def touchdowns(
 ) -> TrajectoryTouchdowns:
     """Every touchdown of a part that moves on one that does not, or of the request's pair.
 
-    recorded: qpos (n, nq), qvel (n, nv), and time (n,), s, where it is known.
+    model: MjModel. label: what to call it. recorded: qpos (n, nq), qvel (n, nv), and time (n,), s,
+    where it is known.
     Raises UserError for other shapes, for states that cannot be, and for a pair that the model does
     not have.
     """
@@ -450,9 +451,9 @@ def _ascending(geoms: _Geoms) -> _Geoms:
 
 
 def _states(model: Any, recorded: Mapping[str, Floats]) -> tuple[Floats, Floats, Floats]:
-    """qpos (n, nq), qvel (n, nv) and time (n,), s, of a recording; without a
-    time, steps of the model's own.
+    """qpos (n, nq), qvel (n, nv) and time (n,), s, of a recording.
 
+    recorded: arrays by name; without "time", the states are a step of the model's apart.
     Raises UserError for other shapes, times that do not rise, numbers that are not finite, and
     quaternions of length 0.
     """
@@ -582,9 +583,9 @@ def _closing_speeds(
 
 
 def _foot(model: Any, geoms: _Geoms, events: Sequence[_Touchdown]) -> Touchdowns:
-    """Touchdowns of two parts, one or more, with the band of speeds that their setting holds in.
+    """Touchdowns of two parts, with the band of speeds that their setting holds in.
 
-    geoms: the first two that touched, one of each part.
+    geoms: the first two that touched, one of each part. events: one or more, in the order of time.
     """
     promise = promise_in(model, geoms)
     band = None

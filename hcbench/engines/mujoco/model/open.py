@@ -170,10 +170,10 @@ _BINARY_ROOM = 1 << 28
 
 
 def live_state(source: Any) -> tuple[Any, Any] | None:
-    """(MjModel, MjData) of an MjData, a gymnasium, dm_control or
-    robosuite environment; None for others.
+    """(MjModel, MjData) of a user's state in Python; None for anything else.
 
-    The two are the user's own objects, not copies.
+    source: an MjData, a gymnasium, dm_control or robosuite environment, or any object. The two are
+    the user's own objects, not copies.
     """
     if not hasattr(source, "__dict__") and type(source).__name__ != "MjData":
         return None

@@ -59,7 +59,7 @@ class Context:
 
         With refsafe, MuJoCo's default, no time constant is below two steps.
         """
-        parameters = {row[:2] for row in self.place.contact.rows}
+        parameters = {(row.solref, row.solimp) for row in self.place.contact.rows}
         if len(parameters) > 1:
             return None
         ((solref, solimp),) = parameters
