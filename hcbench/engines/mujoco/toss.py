@@ -51,7 +51,8 @@ def simulate(
     """States before the first step of Euler's integrator and after each, (steps + 1, 13), of each
     toss.
 
-    values: of the setting's parameters, SI, in its order. timestep: s.
+    values: of the setting's parameters, SI, in its order. timestep: s. tosses: motions to start
+    from, each with its time.
     A state is position, quaternion w x y z, velocity and spin, in the world. Raises SettingError
     for numbers that a plug-in's law does not take, EngineMissing or EngineFailed without MuJoCo.
     """

@@ -172,10 +172,12 @@ class CompiledFlight(MujocoFlight):
         """Read nothing: the loop in C does."""
 
     def _rows(self, steps: int, after: int | None) -> tuple[Floats, None]:
-        """Take the steps in C; as `MujocoFlight._rows`, without motion along the plate.
+        """Take the steps in C: (penetration m, rate m/s and force N, (3, n); None, as nothing is
+        read along the plate).
 
-        Also keeps what each cause adds to the approach, from the first step with a force on. Raises
-        MuJoCo's FatalError, and EngineFailed where there is no memory for a step.
+        steps: most to take. after: how many more once the two have parted; None: all. Also keeps
+        what each cause adds to the approach, from the first step with a force on. Raises MuJoCo's
+        FatalError, and EngineFailed where there is no memory for a step.
         """
         library = _library()
         assert library is not None, "flights_of takes this class only with a library"

@@ -492,11 +492,13 @@ def _require_room(pair: ContactPair, data: Any) -> None:
         require_reachable(-contact.dist, size, names, blocked, advice)
 
 
-def tether_error(model: Any, data: Any, row: Any, names: tuple[str, str]) -> UserError | None:
+def tether_error(
+    model: Any, data: Any, by_push: Floats, names: tuple[str, str]
+) -> UserError | None:
     """Error for tendons at their limits and stretched equalities that hold the two back at touch.
 
     data: MjData at touch, with its constraints.
-    row: (nv,) M^-1 J^T, the motion by a push at the contact.
+    by_push: (nv,) M^-1 J^T, the motion by a push at the contact.
     names: of the two, the moving part first.
 
     None where no such constraint feels the push.
@@ -505,8 +507,9 @@ def tether_error(model: Any, data: Any, row: Any, names: tuple[str, str]) -> Use
     if not data.nefc:
         return None
     coupling = np.zeros(data.nefc)
-    mujoco.mj_mulJacVec(model, data, coupling, row)
-    for i in np.flatnonzero(np.abs(coupling) > 1e-9 * max(1.0, float(np.abs(row).max()))):
+    mujoco.mj_mulJacVec(model, data, coupling, by_push)
+    round_off = 1e-9 * max(1.0, float(np.abs(by_push).max()))
+    for i in np.flatnonzero(np.abs(coupling) > round_off):
         kind = int(data.efc_type[i])
         number = int(data.efc_id[i])
         off = float(data.efc_pos[i])

@@ -298,7 +298,10 @@ def _equal(now: str | float, promised: str | float) -> bool:
 
 
 def _set_option(model: Any, name: str, text: str) -> None:
-    """Set one of the options of `option_in_force` in a compiled model, from its text in XML."""
+    """Set one of the options of `option_in_force` in a compiled model, from its text in XML.
+
+    model: changed. name: of the option. text: as XML writes its value, such as "RK4" or "0.002".
+    """
     mujoco = backend()
     if name == "integrator":
         model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{text.upper()}")

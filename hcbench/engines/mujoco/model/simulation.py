@@ -167,8 +167,11 @@ class MujocoFlight:
         return Record(x, v, f, tangential)
 
     def _rows(self, steps: int, after: int | None) -> tuple[Floats, Floats | None]:
-        """Steps of `advance`: (penetration, rate and force, (3, n); motion along the plate, (8, n),
-        None but for oblique launches).
+        """Take the steps of `advance`, and read each: (penetration m, rate m/s and force N, (3, n);
+        motion along the plate, (8, n), None but for oblique launches).
+
+        steps: most to take. after: how many more once the two have parted; None: all. MuJoCo's
+        fatal errors pass.
         """
         rows: list[_Step] = []
         while len(rows) < steps:

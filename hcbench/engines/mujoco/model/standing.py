@@ -63,10 +63,11 @@ _SLIDES_S = 1.0
 
 
 def standing(opened: Sequence[OpenedModel]) -> Standing:
-    """Measure how pairs of one model stand, each at touch; NaN for what it has not.
+    """Measure how pairs of one model stand; NaN for what it has not.
 
-    Level, slope and cost are of the first pair, if its second part stands still; the grasp is of
-    the first two that hold one body from both sides, the hop the highest of loose bodies that slide.
+    opened: the model with each of the pairs at touch, one or more. Level, slope and cost are of the
+    first pair, if its second part stands still; the grasp is of the first two that hold one body
+    from both sides, the hop the highest of loose bodies that slide.
     """
     first = opened[0]
     held = [pair for pair in itertools.combinations(opened, 2) if _is_grasp(*pair)]
@@ -269,7 +270,11 @@ def _hold(one: OpenedModel, other: OpenedModel) -> float:
 
 
 def _highest_hop(opened: Sequence[OpenedModel]) -> float:
-    """The largest hop of loose bodies that slide on the world, m; NaN where there are none."""
+    """The largest hop of loose bodies that slide on the world, m; NaN where there are none.
+
+    opened: the model with each of its pairs at touch. Loose: the pair's first body, which gravity
+    presses on what stands still, and nothing else acts on.
+    """
     hops = []
     for each in opened:
         pair = each.place.pair
@@ -460,6 +465,7 @@ def _friction(opened: OpenedModel, resting: Any, touch: _ForceAtTouch) -> list[f
     NaN alone for parts that joints keep from moving along the plate, and for a body that other
     contacts hold, too.
 
+    resting: MjData of the pair at rest, which stays as it is. touch: the contact in it.
     The pair is pushed along its plate by more than friction bears: the friction then is at its
     limit, which a pyramid of two axes has lower between them.
     """

@@ -77,12 +77,13 @@ class MujocoModel(OpenedModel, LendsSteps):
         model = self.model
         place = self.place
         asked, words = self._asked()
-        solref, solimp, geoms = place.contact.rows[0]
+        point = place.contact.rows[0]
+        geoms = point.geoms
         integrator = backend().mjtIntegrator(model.opt.integrator).name
         settings = {
             "integrator": integrator.removeprefix("mjINT_").lower(),
-            "solref": list(solref),
-            "solimp": list(solimp),
+            "solref": list(point.solref),
+            "solimp": list(point.solimp),
             "points of contact": len(place.contact.rows),
             "acts from (m)": place.contact.onset,
             "start": self.start_name,

@@ -94,23 +94,27 @@ class _Drops:
         squared = (v + self._g * self._h / 2.0) ** 2 - 2.0 * self._g * x
         return np.asarray(np.sqrt(np.maximum(0.0, squared)))
 
-    def _flown(self, x: Floats, v: Floats) -> tuple[tuple[Floats, Floats], Floats]:
-        """(x, v) of drops in flight advanced to their first state in
-        contact, and how long that takes, s.
+    def _flown(self, x: Floats, v: Floats) -> tuple[Floats, Floats, Floats]:
+        """(x, v, duration s) of drops in flight, advanced to their first state in contact.
+
+        x, v: at the flight's start, m and m/s, (n,).
         """
         g = self._g
         h = self._h
         half = v + g * h / 2.0
         steps = np.floor((-half + np.sqrt(half**2 - 2.0 * g * x)) / (g * h)) + 1.0
-        return (x + steps * h * half + g * h**2 * steps**2 / 2.0, v + g * h * steps), steps * h
+        fallen = x + steps * h * half + g * h**2 * steps**2 / 2.0
+        return fallen, v + g * h * steps, steps * h
 
     def run(self, states: Floats, allowed: Floats, impacts: float = math.inf) -> Bounces:
-        """Simulate until each drop has rested, or LASTS (s) are over, and count its bounces: the
-        largest e, the fastest touch of those that gain energy, and the drops that bounce on.
+        """Simulate until each drop has rested, or LASTS (s) are over, and count its bounces.
 
-        states: (5, n), see `_states`; changed.
+        states: (5, n): penetration, rate, speed at the last touch, time and steps since the last
+        flight; changed.
         allowed: rebound speed of each drop at the end that its target allows, m/s, (n,).
         impacts: 1 ends each drop with its first rebound; infinite lets it bounce on.
+        Returns the largest e, the fastest touch of those that gain energy, and the number of drops
+        that bounce on.
         """
         count = states.shape[1]
         max_e = 0.0
@@ -134,14 +138,15 @@ class _Drops:
                 else:
                     speed_in[parted] = out
                     still[parted] = 0.0
-                    (x[parted], v[parted]), flight = self._flown(x[parted], v[parted])
-                    clock[parted] += flight
+                    x[parted], v[parted], lasts = self._flown(x[parted], v[parted])
+                    clock[parted] += lasts
             going = (clock <= LASTS) & (still < _RESTED)
             if not going.all():
                 bounces_on = np.isfinite(clock) & (clock > LASTS) & (speed_in > allowed)
                 bouncing += int(bounces_on.sum())
                 allowed = allowed[going]
-                x, v, speed_in, clock, still = states = states[:, going]
+                states = states[:, going]
+                x, v, speed_in, clock, still = states
                 if not states.size:
                     break
         return Bounces(max_e, gains_below, bouncing, count)

@@ -66,9 +66,11 @@ def effect_on_others(option: Mapping[str, str], timestep: float, gravity: float)
 def _untuned_contact(
     option: Mapping[str, str], timestep: float, gravity: float
 ) -> tuple[float, float, list[float]]:
-    """(drift on a slope mm/s, solver iterations a step there, e of oblique impacts) of one contact.
+    """(drift on a slope mm/s, solver iterations a step there, e of oblique impacts) of one contact
+    that is not tuned.
 
-    option: attributes of <option>. The e are of impacts at _LAUNCHES phases of a step.
+    option: attributes of <option>. timestep: s. gravity: m/s². The e are of impacts at _LAUNCHES
+    phases of a step.
     """
     mujoco = backend()
     model = _untuned_ball(option, timestep, gravity, "0.02 1")

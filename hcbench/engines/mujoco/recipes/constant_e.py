@@ -13,16 +13,15 @@ from hcbench.recipes.target import Target
 
 
 def impulse(target: Target, integrator: str = "Euler", spring: float = 0.0) -> dict[str, Any]:
-    """Options of a setting: one contact whose damping turns v into -e v within the step that finds
-    it closed.
+    """Options of a setting, by name: one contact whose damping turns v into -e v within the step
+    that finds it closed.
 
+    target: e is the best constant of its band; its step counts. integrator: that the options name.
+    spring: K, 1/s².
     A contact of impedance d gives the acceleration a = d (K x - D v) + (1 - d) g: with D = (1 +
     e)/h a step h ends in v - (1 + e) v = -e v, at any depth x. K is 0 for an e that is exact at
     every phase. A K above 0 lifts a body at rest out of the slow creep that the missing 1 - d
     allows, to a depth of 1e-4 g / K, at the price of up to K h² / 2 in e.
-
-    e is the best constant of the band.
-    spring: K, 1/s².
     """
     e, _ = constant.minimax_constant(target)
     h = target.timestep
@@ -57,12 +56,13 @@ IMPULSE = Recipe(
 
 
 def spring_damper(target: Target, integrator: str = "Euler") -> dict[str, Any]:
-    """Options of a setting: a Kelvin-Voigt contact, eq. (4), by solref in its direct form, with
-    the best constant e of the band.
+    """Options of a setting, by name: a Kelvin-Voigt contact, eq. (4), by solref in its direct form,
+    with the best constant e of the band.
 
-    Of impedance d throughout, the contact is a = S x / d + D v. S and D are those whose discrete
-    orbit x+ = x + h v+, v+ = v - h (S/d x + D v) has the poles exp((-β ± i ω) h) of the wanted
-    motion exactly, so the step does not shift e or the contact time to first order.
+    integrator: that the options name, and that the numbers are for. Of impedance d throughout, the
+    contact is a = S x / d + D v. S and D are those whose discrete orbit x+ = x + h v+, v+ = v - h
+    (S/d x + D v) has the poles exp((-β ± i ω) h) of the wanted motion exactly, so the step does not
+    shift e or the contact time to first order.
     """
     e, _ = constant.minimax_constant(target)
     beta, omega = constant.spring_damper(e, constant.contact_time(target), "impulse")

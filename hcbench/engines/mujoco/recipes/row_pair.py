@@ -67,7 +67,10 @@ class _Rows(NamedTuple):
         return _Rows(*(column.take(which) for column in self))
 
     def impedance(self, penetration: Floats) -> Floats:
-        """d(r) of the damper, "Impedance": a sigmoid from dmin to dmax as r grows to the width."""
+        """d(r) of the damper, "Impedance": a sigmoid from dmin to dmax as r grows to the width.
+
+        penetration: r, in v h, (m,), as are the widths.
+        """
         u = np.clip(penetration / self.width, 0.0, 1.0)
         early = u <= self.midpoint
         sigmoid = np.where(early, u, 1.0 - u)
@@ -121,10 +124,11 @@ class RowFit:
         )
 
     def errors(self, parameters: Floats) -> Floats:
-        """Error of each of p settings, (p, 6) to (p,): the largest of e, and penalties.
+        """Error of each of p settings, (p,): the largest of e, and penalties.
 
-        Added are what the contact is deeper than it may be, and a large share of what the largest e
-        is above 0.995 or the target's: a setting that gains energy is never the best.
+        parameters: (p, 6), as of `numbers`. Added are what the contact is deeper than it may be,
+        and a large share of what the largest e is above 0.995 or the target's: a setting that gains
+        energy is never the best.
         """
         e, deepest = self._simulate(self.numbers(parameters))
         in_band = ~np.isnan(self.target)

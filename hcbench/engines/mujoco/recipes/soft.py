@@ -208,9 +208,10 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
 
 
 def soft(target: Target, integrator: str = "Euler") -> dict[str, Any]:
-    """Options of a setting: one contact that follows e(v) as nearly as one contact can.
+    """Options of a setting, by name: one contact that follows e(v) as nearly as one contact can.
 
-    Raises SettingError where the step is too coarse, SearchInterrupted with the best so far.
+    integrator: that the options name. Raises SettingError where the step is too coarse,
+    SearchInterrupted with the best so far.
     """
     width = STEPS_OF_A_WIDE_SPRING * target.timestep * target.speed_max
     if width > _DEEPEST:

@@ -46,8 +46,8 @@ Z = 2
 def stays_on_axis(mujoco: Any, model: Any) -> bool:
     """Say whether the ball of a model, which at qpos0 just touches, cannot leave the vertical.
 
-    Expects one free joint, and contact through explicit <pair>s, tendon
-    limits, or one pair of geoms.
+    mujoco: the module. model: compiled, of one ball on a free joint, with contact through explicit
+    <pair>s, tendon limits, or one pair of geoms.
     """
     joint = model.jnt_bodyid[0]
     geoms = np.flatnonzero(model.geom_bodyid == joint)
@@ -154,9 +154,10 @@ def island_flag(mujoco: Any) -> int:
 
 
 def replace_free_joint(mujoco: Any, spec: Any, height: float) -> None:
-    """Free joints made slides along z, whose position is the height of the body's centre.
+    """Make free joints of a spec slides along z, whose position is the height of the body's centre.
 
-    Done after reading, as a <freejoint> takes nothing from default classes and a slide would.
+    mujoco: the module. spec: MjSpec, changed. height: of the centre at qpos0, m. Done after
+    reading, as a <freejoint> takes nothing from default classes and a slide would.
     """
     for joint in spec.joints:
         joint.type = mujoco.mjtJoint.mjJNT_SLIDE
@@ -168,8 +169,7 @@ def copy_inverse_weights(mujoco: Any, model: Any, free: Any) -> None:
     """Give balls on slides the inverse masses that MuJoCo computes of a free ball.
 
     model: of balls on slides; changed. free: of one free ball. Also sets the solver, where a ball
-    is
-    never in more than one constraint: to one sweep of Gauss and Seidel, the same to rounding.
+    is never in more than one constraint: to one sweep of Gauss and Seidel, the same to rounding.
     """
     body = int(free.jnt_bodyid[0])
     size = model.njnt

@@ -116,7 +116,10 @@ def _at_parting(push: Push, x: float, v: float, step: float) -> float:
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2
         at_x, at_v, *_ = _step(push, x, v, middle)
-        low, high = (low, middle) if at_v < 0.0 and push(at_x, at_v) <= 0.0 else (middle, high)
+        if at_v < 0.0 and push(at_x, at_v) <= 0.0:
+            high = middle
+        else:
+            low = middle
     return _step(push, x, v, high)[1]
 
 
@@ -304,12 +307,13 @@ def acceleration(
 def restitution(
     rows: Sequence[ConstraintRow], timestep: float, speeds: Floats, phases: int, duration: float
 ) -> Floats:
-    """e under MuJoCo's Euler step, v+ = v - h a, x+ = x + h v+; shape
-    (speeds, phases), NaN if still closed.
+    """e under MuJoCo's Euler step, v+ = v - h a, x+ = x + h v+; shape (speeds, phases), NaN if
+    still closed.
 
+    rows: one or more, per unit mass. timestep: h, s.
     speeds: m/s, shape (n,).
     phases: where in a step the contact starts, so many, evenly.
-    duration: s.
+    duration: of the contact at most, s. Without gravity.
     """
     phase = (np.arange(phases) + 0.5) / phases
     v_i, before = (grid.copy() for grid in np.meshgrid(speeds, phase, indexing="ij"))

@@ -141,7 +141,8 @@ def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
     data.qpos[model.jnt_qposadr[joint] + 2] += _CLEAR * scene.ball_radius
     dof = int(model.jnt_dofadr[joint])
     data.qvel[dof + 2] = -_THROWN
-    data.xfrc_applied[body, 2] = pushed = scene.mass * _PUSHED
+    pushed = scene.mass * _PUSHED
+    data.xfrc_applied[body, 2] = pushed
     mujoco.mj_forward(model, data)
     expected = np.array([0.0, 0.0, _PUSHED - scene.gravity, 0.0, 0.0, 0.0])
     off = np.abs(data.qacc[dof : dof + 6] - expected).max()

@@ -366,7 +366,11 @@ class ContactRow:
 def contact_row(
     first: tuple[BulletBody, int], second: tuple[BulletBody, int], point: Vector, direction: Vector
 ) -> ContactRow:
-    """The row of two (body, link) that touch at `point`, for forces along `direction`."""
+    """The row of two parts that touch, for forces along a direction.
+
+    first, second: (body, link) each, link -1 the base. point: where they touch, m, in the world.
+    direction: unit vector, (3,), of the force on the first.
+    """
     one, one_link = first
     two, two_link = second
     responses = one.response(one_link, point, direction), two.response(two_link, point, direction)

@@ -128,7 +128,7 @@ def _fix_restitutions(
 
 
 def restitutions(bullet: BulletClient, place: BulletPlacement) -> tuple[float, float]:
-    """Restitution of the two links that meet.
+    """(restitution of the first, of the second) of the two links that meet.
 
     NaN for a body with maximal coordinates: PyBullet returns the value of an earlier query for it.
     """
@@ -381,9 +381,9 @@ def _spin_clamp(c: BulletContext) -> Iterator[Suspect]:
 def speed_of_hops(timestep: float, gravity: float) -> float:
     """Speed of the hops of a body at rest with a restitution, m/s, at most.
 
-    In each step, of h s, gravity, m/s² along the normal, brings the body to the plate at g h, and
-    restitution throws it up again. With e it hops for ever at up to 2 g h/(1 + e); the corners of a
-    face that take turns are a little faster.
+    timestep: h, s. gravity: g, m/s² along the normal. In each step gravity brings the body to the
+    plate at g h, and restitution throws it up again. With e it hops for ever at up to 2 g h/(1 +
+    e); the corners of a face that take turns are a little faster.
     """
     return _HOPS * max(gravity, 0.0) * timestep
 

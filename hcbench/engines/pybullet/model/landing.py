@@ -73,6 +73,9 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
         raise UserError("key", repr(request.key), "no keyframe: PyBullet has none")
 
     def prepared() -> tuple[_DropBench, Callable[[], None], str]:
+        """(the robot in its pose over its floor, what drives its joints, the drive in words); in a
+        forked copy, whose world it changes.
+        """
         if request.timestep is not None:
             bullet.setPhysicsEngineParameter(fixedTimeStep=request.timestep)
         if request.gravity is not None:
@@ -82,6 +85,9 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
         return bench, *_drive_of(drops.controller, bench)
 
     def described() -> Landings:
+        """The landings without a drop: names, mass, step and gravity, and notes on the robot's
+        unit.
+        """
         bench, _, words = prepared()
         floors = ", ".join(_body_name(world, floor) for floor in bench.floors)
         start = ", ".join(["the pose of the world", *(joint for joint, _ in request.pose)])
@@ -131,10 +137,16 @@ class _Motion(NamedTuple):
 class _DropBench:
     """A robot with a free base, in its pose, over the fixed bodies of its world.
 
+    robot: its body. name: of it. links: numbers. masses: kg, of the links and last the base. mass:
+    of all, kg. floors: the fixed bodies. h: time step, s. g: gravity, m/s²; up: unit vector against
+    it, (3,).
     Raises UserError for a world without one, without a floor, or without gravity.
     """
 
     def __init__(self, world: LoadedWorld) -> None:
+        """Find the robot, of several with a free base the one with most joints, and its floors;
+        errors are those of the class.
+        """
         bullet = self.bullet = world.bullet
         masses = {body: bullet.getDynamicsInfo(body, -1)[0] for body in bullet.bodies()}
         free = [body for body, mass in masses.items() if mass > 0.0]
@@ -183,7 +195,12 @@ class _DropBench:
         return float(self.masses @ motion.velocities @ self.up) / self.mass
 
     def landing(self, height: float, tilt: float, drive: Callable[[], None]) -> Landing:
-        """One drop from a height (m) over the touch, the base turned by a tilt (rad) about y."""
+        """Drop the robot once, and read how it lands.
+
+        height: of its lowest point over the floor, m. tilt: by which its base is turned about y,
+        rad. drive: called before each step. Raises UserError where nothing is below the robot or it
+        meets nothing, EngineFailed for a velocity that is not finite.
+        """
         bullet = self.bullet
         position, attitude = bullet.getBasePositionAndOrientation(self.robot)
         turn = [0.0, math.sin(tilt / 2), 0.0, math.cos(tilt / 2)]
@@ -194,6 +211,9 @@ class _DropBench:
             bullet.resetBasePositionAndOrientation(self.robot, place.tolist(), turned)
 
         def distance(travel: float) -> float:
+            """Distance of the lowered robot from the floor, m; UserError where nothing is below it.
+            travel: by which it is lowered, m.
+            """
             lower(travel)
             points = []
             for floor in self.floors:
@@ -210,7 +230,8 @@ class _DropBench:
     def _fall(self, height: float, tilt: float, drive: Callable[[], None]) -> Landing:
         """Simulate a drop until WINDOW_S (s) after the first touch, and read it.
 
-        Raises EngineFailed for a velocity that is not finite, UserError where nothing is met.
+        height, m, tilt, rad: of the drop, for the result. drive: called before each step. Raises
+        EngineFailed for a velocity that is not finite, UserError where nothing is met.
         """
         latest = latest_touch(height, self.g)
         forces: list[float] = []
@@ -308,6 +329,7 @@ def _drive_of(controller: Any, bench: _DropBench) -> tuple[Callable[[], None], s
     if controller == "pd":
         for joint, angle in zip(joints, pose, strict=True):
             effort = bullet.getJointInfo(robot, joint)[_EFFORT]
+            # 0 where the file names no effort: PyBullet's default force acts then.
             force = {"force": effort} if effort > 0.0 else {}
             bullet.setJointMotorControl2(
                 robot, joint, module.POSITION_CONTROL, targetPosition=angle, **force
@@ -327,7 +349,11 @@ def _drive_of(controller: Any, bench: _DropBench) -> tuple[Callable[[], None], s
 
 
 def _gains(controller: str) -> tuple[float, float]:
-    """KP and KD of "pd:KP,KD". Raises UserError for another text."""
+    """(KP, KD) of the text "pd:KP,KD", N m/rad and N m s/rad, or for slides N/m and N s/m.
+
+    controller: the text. Raises UserError for another text or another number of gains,
+    QuantityError for one that is not a number from 0 up.
+    """
     kind, _, text = controller.partition(":")
     gains = [units.parse(gain, "number", "controller", least=0.0) for gain in text.split(",")]
     if kind != "pd" or len(gains) != _GAINS:

@@ -113,7 +113,8 @@ def _end(slot: str, joint: ET.Element, end: str, known: set[str]) -> str:
 def _check_circle(path: Path, names: list[str], parent_of: dict[str, str]) -> None:
     """Refuse links that carry each other in a circle. Raises SceneError.
 
-    parent_of: link -> the link that carries it.
+    path: of the file, for the error. names: of all links. parent_of: link -> the link that carries
+    it.
     """
     # Links from which the way to the root is known.
     reach_root: set[str] = set()
@@ -289,7 +290,8 @@ def _check_number(
 ) -> None:
     """Raise SceneError for a text that is not a number, or not one that is good.
 
-    path, name: where it is.
+    path, name: where it is. text: None where it is missing. expected: in words. is_good: called
+    with the number, NaN for a text that is none.
     """
     try:
         value = float(text or "")
@@ -364,8 +366,7 @@ class LoadedWorld:
 def load_files(paths: Sequence[str], packages: Packages = ()) -> LoadedWorld:
     """A new world, in a client of its own, with the files loaded as PyBullet loads them by default.
 
-    packages: folders of the packages that URDFs name.
-
+    paths: URDF, SDF or MJCF files, one or more. packages: folders of the packages that URDFs name.
     Raises SceneError for a file that is not there or does not load, QuantityError for a size
     outside the bounds, EngineFailed where PyBullet has no room for a client. The client is then
     closed.
@@ -431,8 +432,9 @@ def _require_readable(bullet: BulletClient, body: int, path: Path) -> None:
 
 
 def open_live(source: Any, disconnect: bool) -> LoadedWorld:
-    """The world of a `LiveWorld`, a client id, or a BulletClient of pybullet_utils; None: client 0.
+    """The world of a user's running client.
 
+    source: a `LiveWorld`, a client id, or a BulletClient of pybullet_utils; None: client 0.
     disconnect: whether hcbench ends the client when it is done. Raises UserError for others, and
     for a client that is not connected.
     """

@@ -414,7 +414,10 @@ def _rates_towards(
 
 
 def _within_limits(joint: Any, start: float, target: float) -> float:
-    """Position of a joint, brought into its limits; one that starts beyond a limit may stay there."""
+    """Position of a joint, brought into its limits; one that starts beyond a limit may stay there.
+
+    joint: as getJointInfo returns it. start, target: where it is and where it is to go, rad or m.
+    """
     low = joint[_LOWER]
     high = joint[_UPPER]
     if low < high:

@@ -95,9 +95,9 @@ def _free_base(world: LoadedWorld, name: str) -> int | None:
 
 
 def _put_base(bullet: BulletClient, body: int, values: tuple[float, ...]) -> None:
-    """Put a free base: x y z, and a quaternion w x y z, if given.
+    """Put a free base of a body, by its id: x y z, m, and a quaternion w x y z, if given.
 
-    Raises UserError for another number of values.
+    Raises UserError for another number of values than 3 or 7.
     """
     if len(values) not in (3, 7):
         raise UserError("qpos", f"base: {len(values)} numbers", "3 or 7: m, quaternion w x y z")

@@ -262,10 +262,10 @@ class PybulletModel(ModelUnderTest):
         return isinstance(self.place.mover, FreeBase) and min(first_mass, second_mass) == 0.0
 
     def release(self, launches: Sequence[Launch]) -> Simulation:
-        """The launch under way from its starting point, in a world that knows of no other launch.
+        """Begin a launch from its starting point, in a world that knows of no other launch.
 
-        Raises UserError for an oblique launch of a pair with the plug-in's law, whose friction
-        PyBullet does not report.
+        launches: one. Raises UserError for an oblique launch of a pair with the plug-in's law,
+        whose friction PyBullet does not report.
         """
         (launch,) = launches
         law_number = None
@@ -380,8 +380,9 @@ class PybulletModel(ModelUnderTest):
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """Return settings that may keep this pair from bouncing as `wanted`, likeliest first.
 
-        For a plug-in's law, which replaces Bullet's contact, those that act beside it. Those of a
-        live client have no fix to try.
+        impacts: of the launches. wanted: e over speed; None where the user named none. For a
+        plug-in's law, which replaces Bullet's contact, those that act beside it. Those of a live
+        client have no fix to try.
         """
         changed = self._changed_since_tuned()
         context = BulletContext(
@@ -498,9 +499,9 @@ def list_pairs_of(
 ) -> list[CandidatePair]:
     """Pairs of links that can meet, in the request's pose.
 
-    rebuild: makes the world again, where a function built it. Raises SceneError for files that do
-    not load, UserError for a pose that does not fit or one file alone, EngineFailed where PyBullet
-    dies.
+    source: files, a `World`, or a client. rebuild: makes the world again, where a function built
+    it. Raises SceneError for files that do not load, UserError for a pose that does not fit or one
+    file alone, EngineFailed where PyBullet dies.
     """
     world, _ = _loaded(source, rebuild, request.packages)
     try:
@@ -513,10 +514,10 @@ def list_pairs_of(
 def land_in(
     source: Any, request: Request, drops: DropPlan, rebuild: Callable[[], Any] | None
 ) -> Landings:
-    """Landings of the robot of a world, see `landing.land`.
+    """Drop the robot of a world from each height, m, and tilt, rad, of `drops`; see `landing.land`.
 
-    rebuild: makes the world again, where a function built it. Raises SceneError for files that do
-    not load, and the errors of `land`.
+    source: files, a `World`, or a client. rebuild: makes the world again, where a function built
+    it. Raises SceneError for files that do not load, and the errors of `land`.
     """
     world, _ = _loaded(source, rebuild, request.packages)
     try:
@@ -536,8 +537,9 @@ def _loaded(
 ) -> tuple[LoadedWorld, Callable[[], LoadedWorld] | None]:
     """(the world, function that makes it again; None for a live client).
 
-    source: one path or several, a `World`, a client or its id. Raises SceneError for files that do
-    not load, UserError for another source.
+    source: one path or several, a `World`, a client or its id. rebuild: makes the `World` or client
+    again; None where no function built it. packages: folders that URDFs name. Raises SceneError for
+    files that do not load, UserError for another source.
     """
     if isinstance(source, str | list | tuple) or hasattr(source, "__fspath__"):
         paths: Sequence[str | Path] = source if isinstance(source, list | tuple) else [source]
@@ -566,8 +568,8 @@ def model_settings(
 
     The first lets bodies come to rest under gravity, by a speed below which nothing bounces; the
     second lets all bounce.
-    requests: of the pairs, one or more; their speeds choose the constant e nearest to `goal`.
-
+    source, rebuild: as of `open_world`. requests: of the pairs, one or more; their speeds choose
+    the constant e nearest to `goal`.
     Raises UserError for a live client, and for a part that would need two restitutions; also the
     errors of `open_world`.
     """
@@ -613,9 +615,10 @@ def _restitution(
     build: Callable[[], LoadedWorld],
     more: tuple[str, ...],
 ) -> ModelSetting:
-    """The setting with one restitution, and a speed, m/s, below which nothing bounces.
+    """The setting with one restitution, and a speed below which nothing bounces.
 
-    build: makes the world. more: notes on it.
+    places: of the pairs, at touch. e: of each pair. still: that speed, m/s. build: makes the world.
+    more: notes on it.
     """
     suspects = [restitution_setting(place, e, still) for place in places]
     # Each line once, in order.
