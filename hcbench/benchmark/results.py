@@ -549,8 +549,8 @@ class Results(Drawn):
 
 
 def _answers(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The answers of a summary with the keys of this schema; those of schema 3 are renamed in
-    place.
+    """The answers of a summary, each a mapping with the keys of this schema; those of schema 3 are
+    renamed in place.
 
     summary: content of a summary.json. One that was written before answers were kept gives none.
     """

@@ -383,7 +383,10 @@ def _quiet() -> Iterator[None]:
 
 def _width(client: Any, address: str) -> Callable[[], int]:
     """Return a function that counts the tasks the workers run at once, 1 or more, at most once in
-    _COUNT_S. It raises CannotRun if there has been no worker for _WORKERS_S.
+    _COUNT_S.
+
+    client: Dask's. address: of its scheduler, for the error. The function raises CannotRun if there
+    has been no worker for _WORKERS_S.
     """
     threads = 1
     counted = -math.inf
@@ -413,10 +416,10 @@ def _without_workers(address: str, advice: str) -> CannotRun:
 
 
 def _require_workers(client: Any, address: str) -> None:
-    """Wait for a worker, and check their hcbench.
+    """Wait for a worker, and refuse workers without this version of hcbench.
 
-    Raises CannotRun without a worker within _WORKERS_S, and for a worker without hcbench or with
-    another version.
+    client: Dask's. address: of its scheduler, for the error. Raises CannotRun without a worker
+    within _WORKERS_S, and for a worker without hcbench or with another version.
     """
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)

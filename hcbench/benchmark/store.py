@@ -221,9 +221,10 @@ class LocalFiles(Files):
 
 
 def open_files(where: str) -> Files:
-    """The files in a folder, by path or fsspec URL; nothing is made yet.
+    """The files in a folder, local or remote; nothing is made yet.
 
-    Raises UserError for a URL that fsspec does not open, or whose package is not installed.
+    where: a path or an fsspec URL. Raises UserError for a URL that fsspec does not open, or whose
+    package is not installed.
     """
     if "://" not in where:
         return LocalFiles(LocalFileSystem(), str(Path(where).absolute()), where)
@@ -280,9 +281,10 @@ def _myself() -> dict[str, Any]:
 
 
 def _taken(where: str, owner: str) -> CannotRun:
-    """The error for a folder that another sweep writes to.
+    """The error for a folder that another sweep writes to; it is returned, not raised.
 
-    owner: content of the lock file, which a killed sweep may have left incomplete.
+    where: the folder. owner: content of the lock file, which a killed sweep may have left
+    incomplete.
     """
     try:
         content = parse_json(owner)
@@ -491,10 +493,11 @@ class Store:
         return shards
 
     def _read_shard(self, number: int, name: str) -> tuple[bytes, bytes] | None:
-        """A shard's impacts and kept loops, bytes of a table each; None if damaged.
+        """A shard's impacts and kept loops, bytes of a table each, b"" where it kept no loops; None
+        if damaged.
 
-        Damaged: a digest is not the one in the name of the file, or the file of loops is missing.
-        OSError where a file cannot be read.
+        number: of the shard. name: of its file. Damaged: a digest is not the one in the name of the
+        file, or the file of loops is missing. OSError where a file cannot be read.
         """
         impacts = self._files.read(name)
         if _base(name) != _shard_name(number, impacts):
@@ -582,8 +585,10 @@ def _json(content: Mapping[str, Any]) -> bytes:
 
 
 def _are_starts(starts: Any, parts: Any) -> bool:
-    """True for the numbers of the grids' first parts, rising from 0, with the number of all parts
-    at the end. Both arguments may be anything that JSON has.
+    """Say whether `starts` are numbers of the grids' first parts, rising from 0, with the number of
+    all parts at the end.
+
+    parts: the number of all parts, above 0. Both arguments may be anything that JSON has.
     """
     if not isinstance(starts, list) or len(starts) < 2:
         return False

@@ -363,9 +363,10 @@ def _with_alphas(table: Table, where: str, folder: Path | None) -> Table:
 
 
 def _require_short_drop(file: StudyFile, runs: Sequence[Run], where: str) -> None:
-    """Raise StudyError where bodies are dropped from so high that too
-    many steps are to be simulated.
+    """Raise StudyError where bodies are dropped from so high that too many steps are to be
+    simulated.
 
+    file: the study as it was read. runs: its runs, whose steps, s, count where they are dropped.
     where: name of the study's file in errors. A study without a height for its drops passes.
     """
     if file.train_height is None:

@@ -121,7 +121,11 @@ def score(results: Json, source: str = "results", only: Sequence[str] = ()) -> E
 
 
 def _require_runs(case: Json, done: Sequence[Json], source: str) -> None:
-    """Raise UserError where runs are missing, or a run has other states than the case asks for."""
+    """Refuse results of a case where runs are missing, or a run has other states than the case asks
+    for, by UserError.
+
+    done: results, one for each run of the case, in order. source: name of the file in the error.
+    """
     if len(done) != len(case["runs"]):
         got = f"{len(done)} of {len(case['runs'])} runs"
         advice = "Name the cases of the file by `--case`"
@@ -215,8 +219,9 @@ def matrix(scores: Sequence[EngineScore] | None = None) -> list[dict[str, str]]:
 def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedience | None, float]:
     """Obedience to the restitution asked for, and the speed, m/s, up to which nothing bounces.
 
-    By the first two cases: normal impacts without gravity, then slow ones under it. None and 0
-    where they were not run, or have no numbers.
+    runs: results by case. verdicts: on the cases, in their order. By the first two cases: normal
+    impacts without gravity, then slow ones under it. None and 0 where they were not run, or have no
+    numbers.
     Raises ValueError or ArithmeticError for states of a ball that does not move before an impact.
     """
     ids = [case["id"] for case in cases["cases"]]
@@ -303,7 +308,12 @@ class _CaseBounce(NamedTuple):
 
 
 def _restitutions(case: Json, results: Sequence[Json]) -> Iterator[_CaseBounce]:
-    """Yield the impact of each run that has states; runs that were not supported have none."""
+    """Yield the impact of each run of a case that has states; runs that were not supported have
+    none.
+
+    results: of the runs, in order. Raises ValueError or ArithmeticError for states of a ball that
+    does not move before an impact.
+    """
     for each, result in zip(case["runs"], results, strict=False):
         if "states" not in result:
             continue

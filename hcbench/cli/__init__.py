@@ -90,7 +90,10 @@ def main() -> None:
 
 
 def run(arguments: list[str]) -> int:
-    """Run one command and return its exit code; nothing but Ctrl-C's own signal escapes."""
+    """Run one command and return its exit code; nothing but Ctrl-C's own signal escapes.
+
+    arguments: words after "hcbench". Errors name options as a user types them.
+    """
     token = NAMES_OPTIONS.set(True)
     try:
         with beyond_bounds(False):
@@ -100,7 +103,11 @@ def run(arguments: list[str]) -> int:
 
 
 def _run(arguments: list[str]) -> int:
-    """Run a command and return its exit code; no exception leaves it, but in debugging."""
+    """Run a command and return its exit code; no exception leaves it, but in debugging
+    (HCBENCH_DEBUG).
+
+    arguments: words after "hcbench". Errors are printed to stderr, in one line.
+    """
     try:
         # The shell sets the variable to ask for completions.
         if asked := os.environ.get(VARIABLE):
@@ -157,7 +164,9 @@ def _fail_on(error: OSError | MemoryError) -> int:
 
 
 def _fail(code: int, message: str) -> int:
-    """Print one line of what is wrong, and return the exit code."""
+    """Print one line of what is wrong to stderr, and return the exit code: `code`, or that of an
+    interruption if one came.
+    """
     if INTERRUPTS.came and code != _INTERRUPTED_CODE:
         # Python makes a RuntimeError of what is raised while a class is
         # made, a KeyError in an import.

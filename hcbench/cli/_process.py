@@ -116,7 +116,10 @@ class _Interrupts:
 
     def on_signal(self, number: int, frame: FrameType | None) -> None:
         """Raise KeyboardInterrupt, but not within an import, where a package would report it as a
-        missing module.
+        missing module: then the signal comes again a little later.
+
+        number: of the signal. frame: what was running. Several signals within _REPEAT_S count as
+        one.
         """
         now = time.monotonic()
         if number != _AGAIN:

@@ -174,8 +174,10 @@ def _engines_beside(scores: Sequence[EngineScore], rows: Sequence[Mapping[str, s
 
 
 def _print(scores: Sequence[EngineScore], as_json: bool, markdown: bool) -> None:
-    """Print the verdicts: as JSON, as a table in Markdown, or for
-    people with the reasons of failures.
+    """Print the verdicts: as JSON, as a table in Markdown, or for people with the reasons of
+    failures.
+
+    scores: of each engine. as_json goes before markdown.
     """
     from hcbench.cases.score import matrix, regressions
 
@@ -214,7 +216,10 @@ def _read_known(path: Path) -> Mapping[str, Mapping[str, str]]:
 
 
 def _junit(scores: Sequence[EngineScore], known: Mapping[str, Mapping[str, str]]) -> str:
-    """Verdicts as JUnit's XML, a suite for each engine."""
+    """Verdicts as JUnit's XML, a suite for each engine.
+
+    scores: of each engine. known: reasons of known failures, by case, by engine.
+    """
     from hcbench.cases.hcbench_cases import junit
 
     suites = [
@@ -226,8 +231,10 @@ def _junit(scores: Sequence[EngineScore], known: Mapping[str, Mapping[str, str]]
 def _require_expected(
     scores: Sequence[EngineScore], known: Mapping[str, Mapping[str, str]]
 ) -> None:
-    """Raise LimitPassed for a case that fails and is not known to, or passes and is known to
-    fail.
+    """Raise LimitPassed for the first case that fails and is not known to, or passes and is known
+    to fail.
+
+    scores: of each engine. known: reasons of known failures, by case, by engine.
     """
     from hcbench.cases.hcbench_cases import outcome
 

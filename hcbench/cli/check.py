@@ -47,7 +47,12 @@ _PAIR = click.option("--pair", help="Two bodies or geoms, first the one that mov
 def _spec(
     models: tuple[str, ...], python: str | None, options: dict[str, object], required: bool = False
 ) -> CheckSpec:
-    """The check that the options describe."""
+    """The check that the options describe; the engine's worker begins to import meanwhile.
+
+    models: files as typed. python: "FILE:FUNCTION" in their place. required: whether one of the two
+    must be given. Raises UserError for both, for neither if required, and for options without
+    meaning.
+    """
     from hcbench.checking.spec import CheckSpec
 
     _begin(models, options["engine"])
@@ -196,7 +201,10 @@ def _typed_again(options: Any, names: Sequence[str]) -> str:
 
 
 def _measure_trajectory(job: Job, trajectory: Path, limit: float | None, as_json: bool) -> None:
-    """The touchdowns of a recorded motion."""
+    """Read the touchdowns of a recorded motion, a file, and print them.
+
+    limit: s, after which the worker counts as hung. Raises what `touchdowns_job` raises.
+    """
     from hcbench.measuring.trajectory import as_record, as_text, touchdowns_job
 
     with status("reading the motion"):
@@ -208,7 +216,12 @@ def _measure_trajectory(job: Job, trajectory: Path, limit: float | None, as_json
 
 
 def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
-    """Every pair that touches at the start; pairs that cannot be measured are reported and skipped."""
+    """Measure and print every pair that touches at the start; pairs that cannot be measured are
+    reported and skipped.
+
+    limit: s, after which a worker counts as hung. Raises UserError where nothing touches, and
+    EngineFailed.
+    """
     from hcbench.measuring.measure import list_pairs, measure_job
     from hcbench.measuring.text import as_record, as_text
 

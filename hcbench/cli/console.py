@@ -32,7 +32,11 @@ class PathType(click.Path):
         return "FILE" if self.file_okay else "FOLDER"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The path, or standard input for "-"; raises UserError for an empty or a too long one."""
+        """The path, or /dev/stdin for "-" where that is allowed.
+
+        value: as typed. Raises UserError for an empty path, one with a part that is too long, and
+        one that Click refuses.
+        """
         slot = param.opts[0] if param else "path"
         if value == "-" and self.allow_dash:
             value = "/dev/stdin"
@@ -184,7 +188,10 @@ class QuantityType(click.types.StringParamType):
         self.bounds = {"above": 0.0 if positive else -math.inf, "least": least}
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Read the text; QuantityError names the option."""
+        """The quantity of a text, in SI: a float, or an array for several.
+
+        Raises QuantityError, which names the option, for a text that is none or outside the bounds.
+        """
         from hcbench.terms import units
 
         slot = param.opts[0] if param else ""

@@ -105,7 +105,11 @@ def _list(recipes: bool, as_json: bool) -> None:
 
 
 def _record(name: str, about: dict[str, Any]) -> dict[str, Any]:
-    """A row of the list; keys that do not apply have empty values."""
+    """A row of the list of engines, by the keys of `--json`; keys that do not apply have empty
+    values.
+
+    about: those that apply, by key.
+    """
     known: dict[str, Any]
     known = {
         "version": "",
@@ -125,7 +129,9 @@ def _settings(name: str) -> dict[str, str]:
 
 
 def _beside(name: str) -> dict[str, Any]:
-    """The engine of this Python, or how to install it."""
+    """Facts of the engine of this Python, by the keys of `--json`: version and place, or how to
+    install it.
+    """
     import platform
 
     from hcbench.sim import install, registry
@@ -145,7 +151,7 @@ def _beside(name: str) -> dict[str, Any]:
 
 
 def _elsewhere(made: Environment) -> dict[str, Any]:
-    """Facts of an engine in an environment of its own; its size in bytes."""
+    """Facts of an engine in an environment of its own, by the keys of `--json`; its size in bytes."""
     return {
         "version": made.version,
         "python": made.python,
@@ -155,7 +161,10 @@ def _elsewhere(made: Environment) -> dict[str, Any]:
 
 
 def _described(record: dict[str, Any], with_folder: bool) -> str:
-    """An engine in words: its version, or how to install it. with_folder: name its folder, too."""
+    """An engine in words: its version, or how to install it.
+
+    record: a row of the list, as `_record` makes it. with_folder: whether to name its folder, too.
+    """
     if not record["version"]:
         install = record["install"]
         if not install:

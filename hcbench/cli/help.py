@@ -204,7 +204,12 @@ def group(**settings: Any) -> Callable[[Callable[..., Any]], Group]:
 
 
 def described(each: Any) -> Any:
-    """The command, with its examples and the place of its documentation at the end of its help."""
+    """The command or group `each`, with its examples and the place of its documentation at the end
+    of its help.
+
+    Options of numbers get the words for what they take. Raises KeyError for a command without
+    examples.
+    """
     parameters = list(each.params)
     for command in getattr(each, "commands", {}).values():
         parameters += command.params

@@ -82,8 +82,9 @@ def _report_own(
     """Read the user's poses of a box, judge the settings by them, and write the report; return its
     folder.
 
-    given: size, mass, inertia and model of the box, as typed; the model or both size and mass are
-    needed.
+    paths: files of poses. given: size, mass, inertia and model of the box, as typed; the model or
+    both size and mass are needed. jobs: worker processes. Raises UserError for missing numbers and
+    for files that cannot be read.
     """
     from hcbench.workers import WorkerPool
 
@@ -124,8 +125,12 @@ def report_reality(
     model: Path | None,
     identify: bool,
 ) -> Path:
-    """Run the study and write its page; the page. Of a user's own poses:
-    print and write what they tell.
+    """Run the study of measured impacts and write its page; return the page's path. Of a user's own
+    poses: print and write what they tell, and return the folder.
+
+    out: folder; None for the default. jobs: worker processes. sets: names of data sets, with
+    commas. part: to judge. size, mass, inertia, model: of the box in the poses, as typed. Raises
+    UserError for options that do not go together, and what the study raises.
     """
     from hcbench.workers import WorkerPool
 

@@ -42,7 +42,9 @@ def show(text: str) -> None:
 
 
 def show_code(text: str) -> None:
-    """Print lines to paste: long tags are broken between attributes, long calls after commas."""
+    """Print lines of a text to paste: long tags are broken between attributes, long calls after
+    commas.
+    """
     for line in text.split("\n"):
         lines: Iterable[str] = [line]
         if len(line) > WIDTH:
@@ -104,7 +106,12 @@ def _folded_call(line: str) -> Iterator[str]:
 
 
 def _joined(parts: list[str], line: str, by: str, room: int = 0) -> Iterator[str]:
-    """Fill lines with parts, all but the first line indented. room: columns to leave free."""
+    """Fill lines with parts, joined by `by`; all but the first line are indented by four more than
+    `line` is.
+
+    line: from which the parts are. room: columns to leave free. The indent is less where the
+    longest part would not fit; a part that is longer than the terminal stays too long.
+    """
     longest = max(map(len, parts[1:]), default=0)
     lead = " " * max(0, min(len(line) - len(line.lstrip()) + 4, WIDTH - room - longest))
     now = parts[0]
@@ -148,9 +155,10 @@ def status(what: str) -> Iterator[None]:
 
 @contextmanager
 def progress(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar on stderr with rate and time left, on a terminal; yields `tick(done, total)`.
+    """Show a bar on stderr with rate and time left, on a terminal; yields `tick(done, total)`.
 
-    At 100 % the bar becomes indeterminate, since writing takes time too.
+    what: is under way, in words, beside the bar. At 100 % the bar becomes indeterminate, since
+    writing takes time too. Without a terminal `tick` does nothing.
     """
     # Asked before the import of Rich, which takes a while and takes more kinds of output for
     # terminals.
@@ -179,6 +187,7 @@ def progress(what: str) -> Iterator[Callable[[int, int], None]]:
         first: list[tuple[float, int]] = []
 
         def tick(done: int, total: int) -> None:
+            """Move the bar to `done` of `total`; the rate is that since the first call."""
             first[:] = first or [(time.monotonic(), done)]
             elapsed = time.monotonic() - first[0][0]
             new = done - first[0][1]

@@ -118,8 +118,10 @@ class _Unpickler(pickle.Unpickler):
         self.load_storage = load
 
     def find_class(self, module: str, name: str) -> Any:
-        """The few names that a tensor is made of. Raises UnpicklingError for any other: it could run
-        code.
+        """The few names that a tensor is made of; `module` and `name` are those that the file asks
+        for.
+
+        Raises UnpicklingError for any other: it could run code.
         """
         if (module, name) == ("torch._utils", "_rebuild_tensor_v2"):
             return lambda storage, offset, shape, strides, *_: _Tensor(
@@ -134,7 +136,8 @@ class _Unpickler(pickle.Unpickler):
     def persistent_load(self, pid: Any) -> Callable[[], _Numbers]:
         """A function that reads a storage, since its numbers follow later in the file.
 
-        Raises UnpicklingError for a kind of numbers that is not known.
+        pid: what the file names the storage by, whose second and third parts are the kind of its
+        numbers and its key. Raises UnpicklingError for a kind of numbers that is not known.
         """
         _, kind, key, *_ = pid
         if kind not in _KINDS.values():
@@ -332,7 +335,12 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
 def outcome(
     module: TossModule, setting: ContactSetting, values: tuple[float, ...], tosses: Tosses
 ) -> SettingErrors:
-    """Errors of an engine's setting."""
+    """Errors of an engine's setting: mean distances over a toss, in per cent of the cube's width,
+    and angles, rad.
+
+    module: `toss` of the engine, which runs in this process. values: of the setting's parameters.
+    Raises what the engine raises.
+    """
     return tosses.outcome(module, setting, values, TIMESTEP)
 
 

@@ -236,6 +236,8 @@ def find(name: str, data: Path | None) -> Path | None:
 def missing(name: str) -> str:
     """Description of the files to download before a data set can be used, for an error; "" for one
     that is shipped.
+
+    name: of the set, one of SOURCES.
     """
     source = SOURCES[name]
     if source.shipped:
@@ -250,7 +252,8 @@ def differs(name: str, folder: Path) -> bool:
     """Say whether a data set's file differs from the one that the parameters and numbers here
     belong to; False for a set of many files.
 
-    folder: of the original repository. Raises OSError for a file that cannot be read.
+    name: of the set, one of SOURCES. folder: of the original repository. Raises OSError for a file
+    that cannot be read.
     """
     source = SOURCES[name]
     if not source.sha256:

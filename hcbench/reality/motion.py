@@ -122,9 +122,12 @@ def motion(number: int, body: Body, time: Floats, position: Floats, quaternion: 
     """A measured motion that ends at rest on the ground; its last frames show the height of the
     ground.
 
+    number: which of its data set. body: that moves.
     time: s, shape (n,).
     position: of the centre, m, shape (n, 3), over any level.
     quaternion: w first, shape (n, 4).
+    The result has the plate at z = 0, the flight before the first touch, and the state at its
+    start.
     """
     # z of the body's axes: the body lies on the face whose axis is most upright.
     up = np.abs(rotation(quaternion[-REST:]).as_matrix()[:, 2, :].mean(axis=0))
@@ -227,8 +230,11 @@ class Tosses:
         values: Sequence[float],
         timestep: float = TIMESTEP,
     ) -> SettingErrors:
-        """Errors of an engine's setting: mean distances over a toss,
-        in per cent of the body's width, see `judged`; arguments as of `simulated`.
+        """Errors of an engine's setting: mean distances over a toss, in per cent of the body's
+        width, and angles, rad; see `judged`.
+
+        module: `toss` of the engine, which runs in this process. values: of the setting's
+        parameters. timestep: s. Raises what the engine raises.
         """
         return self.judged(self.simulated(module, setting, values, timestep), timestep)
 

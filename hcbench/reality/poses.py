@@ -56,9 +56,10 @@ class Own:
 
 
 def box(size: Sequence[float], mass: float, inertia: Sequence[float] = ()) -> Body:
-    """Build a box from its three edges (m) and mass (kg).
+    """Build a box from its three edges and its mass.
 
-    inertia: three about its axes, kg m², or one for all; that of a solid box where none is given.
+    size: edges, m. mass: kg. inertia: three about its axes, kg m², or one for all; that of a solid
+    box where none is given.
     Raises UserError for another number of edges or moments, and unless all numbers are above 0.
     """
     if len(size) != 3:
@@ -110,12 +111,12 @@ def _first_box(root: ElementTree.Element) -> tuple[ElementTree.Element, ElementT
 
 
 def read(paths: Sequence[Path], body: Body) -> Tosses:
-    """A toss of each CSV file, a row for each frame, in COLUMNS: time in s, place in m, and
-    quaternion.
+    """A toss of each CSV file, a row for each frame.
 
-    body: that was tossed. Raises UserError for a file that cannot be read, other columns, times
-    that do not rise, quaternions that are not rotations, and fewer than five frames of flight
-    before the first touch.
+    paths: files with COLUMNS: time in s, place in m, and quaternion, w first. body: that was
+    tossed.
+    Raises UserError for a file that cannot be read, other columns, times that do not rise,
+    quaternions that are not rotations, and fewer than five frames of flight before the first touch.
     """
     motions = []
     for number, path in enumerate(paths):

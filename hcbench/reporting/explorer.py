@@ -256,9 +256,9 @@ def _choice(choice: PageChoice) -> dict[str, Any]:
 
 
 def _unknown(start: Mapping[str, Any]) -> dict[str, Any]:
-    """A choice in place of an unknown answer: the command that finds one.
+    """A choice in place of an unknown answer, as the script takes it: the command that finds one.
 
-    start: engine, step (s), gravity (m/s²) and alpha (s/m).
+    start: engine, step (s), gravity (m/s²) and alpha (s/m), by name.
     """
     engine, step, gravity, alpha = (start[name] for name in ("engine", "step", "gravity", "alpha"))
     asked = f'--alpha "{alpha:g} s/m" --timestep "{step:g} s" --gravity {gravity:g}'

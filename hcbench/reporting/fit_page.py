@@ -201,8 +201,10 @@ def _sound_figure(s: TouchTimes) -> Figure:
 def _draw_waveform(
     axes: Axes, recording: Recording, first: int, last: int, touches: Iterable[float]
 ) -> None:
-    """Draw samples first ... last - 1 of a recording over time, with a line at each touch (s, in
-    the time of the recording's file).
+    """Draw samples of a recording over time, with a line at each touch.
+
+    first, last: numbers of the first sample, and of the one after the last. touches: s, in the time
+    of the recording's file.
     """
     sound = recording.sound[first:last]
     # The least and the largest of every `stride` samples, so that no peak is lost.

@@ -21,6 +21,10 @@ class DartBodies:
     length = 20.0
 
     def make(self, world: dict[str, Any]) -> None:
+        """Build a world with its bodies at their start, and a slab for the floor.
+
+        world: a case in SI units, see `hcbench_cases`; lengths are multiplied by `length` for DART.
+        """
         self.world = dart.simulation.World()
         self.world.setTimeStep(world["timestep"])
         self.world.setGravity(np.array(world["gravity"], float) * self.length)
@@ -42,6 +46,10 @@ class DartBodies:
             self.world.addSkeleton(ground)
 
     def _body(self, name: str, body: dict[str, Any]) -> tuple[Any, Any]:
+        """(body node, its skeleton), welded to the world or on a free joint at its start.
+
+        body: of a case, SI: position, velocity, spin, mass, or fixed.
+        """
         skeleton = dart.dynamics.Skeleton(name)
         at = np.array(body["position"]) * self.length
         if body.get("fixed"):
@@ -67,6 +75,10 @@ class DartBodies:
 
     @staticmethod
     def _shape(node: Any, solid: Any, e: float, friction: float) -> Any:
+        """Give a body node a shape that collides; returns the shape node.
+
+        solid: DART's shape. e, friction: coefficients of its surface.
+        """
         shape = node.createShapeNode(solid)
         shape.createVisualAspect()
         shape.createCollisionAspect()

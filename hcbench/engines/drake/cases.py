@@ -48,7 +48,10 @@ class DrakeBodies:
         self.simulator.Initialize()
 
     def materials(self, friction: Any) -> None:
-        """Set the properties of balls, of boxes and of the floor."""
+        """Set the properties of balls, of boxes and of the floor.
+
+        friction: Drake's CoulombFriction of all of them.
+        """
         # Drake's default dissipation, s/m, and a point stiffness, N/m.
         dissipation, stiffness = 50.0, 1e7
         self.properties = drake.ProximityProperties()

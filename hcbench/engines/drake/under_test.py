@@ -190,7 +190,12 @@ class DrakeModel(ModelUnderTest):
     def _dissipation(
         self, impacts: Sequence[Impact], wanted: RestitutionCurve | None
     ) -> Iterator[Suspect]:
-        """Suspect a dissipation with an e other than the target, or that is Drake's default."""
+        """Suspect a dissipation with an e other than the target, or that is Drake's default; at
+        most one suspect.
+
+        impacts: of the launches, whose median speed counts. wanted: e over speed; None where the
+        user named none.
+        """
         speed = float(np.median(diagnose.speeds_of(impacts)))
         _, dissipation = self.pair_values()
         e = diagnose.constant_e(impacts, wanted)
@@ -325,9 +330,11 @@ class DrakeSimulation(Simulation):
         return total
 
     def _of_pair(self, shapes: tuple[Any, Any], force: Any, normal: Any) -> float:
-        """Force that parts the pair; 0 for another contact, which is noted.
+        """Force that parts the pair, N; 0 for another contact, whose other shape is noted in the
+        model under test.
 
-        force: on the first shape, N.
+        shapes: ids of the two that touch. force: on the first, N, (3,). normal: of the pair, unit
+        vector, (3,), from its first part to the second.
         """
         first = self._place.first.geometries
         second = self._place.second.geometries

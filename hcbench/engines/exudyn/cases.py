@@ -23,6 +23,12 @@ class ExudynBodies:
     name, version, combine = "exudyn", exudyn.__version__, None
 
     def make(self, world: dict[str, Any]) -> None:
+        """Build a system of mass points at their start, with a contact of every two and of each
+        with the floor.
+
+        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError for what it has
+        not.
+        """
         self._require(world)
         self.h = world["timestep"]
         self.mbs = exudyn.SystemContainer().AddSystem()
@@ -56,6 +62,10 @@ class ExudynBodies:
             raise NotImplementedError("has a contact of balls without friction alone")
 
     def _contact(self, e: float, a: tuple[Any, ...], b: tuple[Any, ...]) -> None:
+        """Add a contact of two spheres to the system, with the restitution e.
+
+        a, b: (marker, radius m, 1/mass 1/kg, 0 of the floor) each.
+        """
         (on_a, radius_a, share_a), (on_b, radius_b, share_b) = a, b
         start = [0.1, 0, 0, 0]
         touch = self.mbs.AddNode(

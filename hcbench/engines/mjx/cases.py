@@ -38,6 +38,11 @@ class MjxWorlds:
         self.steps = jax.jit(_steps)
 
     def make(self, world: dict[str, Any]) -> None:
+        """Build a model as MuJoCo's adapter does, and keep it for a step of all worlds at once.
+
+        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError as MuJoCo's
+        adapter does.
+        """
         super().make(world)  # type: ignore[misc]
         # MJX has no elliptic cone without friction.
         self.model.opt.cone *= bool(world["friction"])

@@ -17,7 +17,9 @@ class MujocoBodies:
     impedance_beside_friction = 1e-4
 
     def contact(self, e: float, friction: float, h: float) -> str:
-        """Attributes of a pair. h: the step, s."""
+        """Attributes of a <pair>, as text, with a restitution e and a friction coefficient. h: the
+        step, s.
+        """
         if e == 0:
             # MuJoCo's default solref, which hardly bounces, and carries weights.
             return f'solref="0.02 1" solreffriction="0 {-1 / h}" solimp=".9999 .9999 .001"'

@@ -69,10 +69,10 @@ class MatrixCell:
 
 
 def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str, MatrixCell]]:
-    """Cells by column, see COLUMNS, of each engine that ran under a gravity (m/s²) at a step (s).
+    """Cells by column, see COLUMNS, of each engine that ran under a condition, by engine.
 
-    First the engines that are nearest to the law by settings whose e falls with speed, then by one
-    e, then by a plug-in.
+    gravity: m/s². timestep: s. First the engines that are nearest to the law by settings whose e
+    falls with speed, then by one e, then by a plug-in.
     """
     made: dict[str, dict[str, MatrixCell]] = {}
     for engine in view.engines:
@@ -80,7 +80,9 @@ def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str
             made[engine] = _row(view, engine, gravity, timestep)
 
     def order(engine: str) -> list[float]:
-        """Errors by which the rows are sorted, the first one deciding."""
+        """Errors of an engine by which the rows are sorted, the first one deciding; infinite where
+        a cell has none.
+        """
         orders = []
         for column in (SETTINGS, CONSTANT, PLUGIN):
             value = made[engine][column].order

@@ -259,7 +259,7 @@ def page_data(view: FieldView, made: Iterable[StepMatrix]) -> str:
 
 
 def _table(table: StepMatrix, numbers: dict[Case, int]) -> dict[str, Any]:
-    """A table as the script takes it.
+    """A table as the page's script takes it, by name.
 
     numbers: of the cases so far; new ones are added in place.
     """

@@ -174,8 +174,8 @@ class FieldView:
     def best(self, engine: str, gravity: float, timestep: float, *kinds: str) -> Case | None:
         """The setting nearest to the law that loses no impact and gains no energy; None for none.
 
-        One that bounces over the whole band is before any that stays down somewhere. Arguments are
-        those of `cases`.
+        engine, gravity (m/s²), timestep (s), kinds: as of `cases`. One that bounces over the whole
+        band is before any that stays down somewhere.
         """
         cases = [
             c for c in self.cases(engine, gravity, timestep, *kinds) if math.isfinite(self.error(c))
@@ -298,10 +298,11 @@ _WORDS = (
 
 
 def headline(view: FieldView, gravity: float, timestep: float) -> list[str]:
-    """Sentences that sort the engines at a step (s): those that follow the law by settings, by a
-    plug-in alone, or not. An engine that ran in several versions is named once.
+    """Sentences that sort the engines: those that follow the law by settings, by a plug-in alone,
+    or not.
 
-    gravity: m/s².
+    gravity: m/s². timestep: s, at which they ran. An engine that ran in several versions is named
+    once.
     """
     # With versions; all further lists have names without versions, each name once.
     ran = [engine for engine in view.engines if view.cases(engine, gravity, timestep, *OWN, PLUGIN)]

@@ -316,7 +316,8 @@ def _from_binary(mujoco: Any, path: Path) -> Any:
 def _unzipped(mujoco: Any, path: Path) -> Any:
     """The model of an archive that `MjSpec.to_zip` wrote: its .xml, with the files that it names.
 
-    Raises ValueError for an archive that cannot be read.
+    mujoco: the module. Raises ValueError for an archive that cannot be read, and what compiling
+    raises.
     """
     try:
         content = read_bytes(path)
@@ -339,8 +340,8 @@ def _keep_folders(urdf: str) -> str:
 def _compiled(compile_model: Callable[[], Any], label: str) -> Any:
     """The model that a function compiles, with hcbench's plug-ins loaded where it names them.
 
-    label: what to call the model in errors.
-
+    compile_model: called without arguments, a second time once the plug-ins are loaded. label: what
+    to call the model in errors.
     Raises SceneError with MuJoCo's words, EngineFailed where there is too little memory.
     """
     try:

@@ -254,7 +254,10 @@ class LentSimulation(Flights[LentFlight]):
     """Launches under way in copies of their model, one copy each; all copies step together."""
 
     def __init__(self, copies: Copies, flights: Sequence[LentFlight]) -> None:
-        """Put the launches into the first copies, and each launch where its copy then is."""
+        """Put the launches into the first copies, and each launch where its copy then is.
+
+        copies: of the model, at least as many as flights. flights: each at its release.
+        """
         super().__init__(flights)
         self._copies = copies
         # Places of the launches that are still read.

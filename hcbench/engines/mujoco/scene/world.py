@@ -402,7 +402,7 @@ class BatchPool:
         return BatchedModel(self.model.model, 1, self.model.at, sliding=False)
 
     def batch(self, size: int) -> BatchedModel:
-        """The model of so many balls."""
+        """The compiled model of `size` balls; compiled once."""
         if size not in self.batches:
             one = size == 1 and not self.sliding
             self.batches[size] = (
