@@ -66,7 +66,9 @@ def run(engine: Any, cases: Json) -> Json:
 
 
 def _run_case(engine: Any, runs: list[Json]) -> list[Json]:
-    """Results: {"states": ...}, {"unsupported": why} or {"error": why}."""
+    """Results of a case's runs in an engine, in order: {"states": ...}, {"unsupported": why} or
+    {"error": why} each.
+    """
     batches: dict[str, list[tuple[Json, Json]]] = {}  # runs, each with its result
     results = []
     for number, each in enumerate(runs):
@@ -96,7 +98,10 @@ def _with_place(error: Exception) -> str:
 
 
 def _run_batch(engine: Any, batch: list[tuple[Json, Json]]) -> None:
-    """Step the worlds that the engine can make; add the states that are asked for to the results."""
+    """Step the worlds that the engine can make; add the states that are asked for to the results.
+
+    batch: (run, its result, which is changed) each. Raises what the engine raises.
+    """
     made = []
     for each, result in batch:
         try:
@@ -156,9 +161,10 @@ def restitution(each: Json, states: States) -> float:
 
 
 def _free_rise(z: dict[int, float], fall: float, touch: float) -> list[int]:
-    """Steps after the contact on which a ball first rises, by its heights, m.
+    """Steps after the contact on which a ball first rises freely.
 
-    fall: second difference of heights in free flight, m; a ball that rests or hovers has none.
+    z: its heights, m, by step. fall: second difference of heights in free flight, m; a ball that
+    rests or hovers has none. touch: height in contact, m.
     """
     free: list[int] = []
     is_up = False
@@ -269,7 +275,10 @@ def judge(results: Json, cases: Json) -> list[Json]:
 
 
 def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
-    """The verdict on one case. done: the results of its runs, in order."""
+    """The verdict on one case.
+
+    done: the results of its runs, in order. combine: rule for two restitutions, None without one.
+    """
     worst: Json = {}
     off: dict[str, float] = {}  # largest error, by quantity
     word, why = "pass", ""
@@ -305,7 +314,10 @@ def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
 def _compared(
     each: Json, states: States, combine: str | None
 ) -> Iterator[tuple[str, float, float]]:
-    """(name, measured, true) of each number that a run expects."""
+    """(name, measured, true) of each number that a run expects.
+
+    combine: rule for two restitutions. Raises NotImplementedError where it is needed and None.
+    """
     materials = each["world"].get("materials")
     if materials and combine is None:
         raise NotImplementedError("no rule for two restitutions is stated")
@@ -331,7 +343,7 @@ def outcome(verdict: Json, expected: Json) -> tuple[str, str]:
 
 
 def junit(verdicts: list[Json], engine: str, expected: Json) -> str:
-    """The verdicts as JUnit's XML."""
+    """The verdicts as JUnit's XML. expected: reasons of known failures, by case."""
     root = ElementTree.Element("testsuite", name=f"hcbench-cases {engine}")
     for verdict in verdicts:
         name, of = f"{verdict['case']} {verdict['title']}", f"hcbench-cases.{engine}"
@@ -352,7 +364,8 @@ def run_apart(
     """Results of an engine, from a process of its own.
 
     One that ends early, or takes longer than `limit` s for a case, costs this case; another goes
-    on. start: runs Python with arguments. Raises RuntimeError where the adapter makes no engine.
+    on. variant: which of the adapter's engines. start: runs Python with arguments. Raises
+    RuntimeError where the adapter makes no engine.
     """
     results: Json = {}
     runs: Json = {}

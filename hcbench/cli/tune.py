@@ -185,8 +185,10 @@ def _parsed(points: str) -> tuple[tuple[float, float], ...]:
 
 
 def _drop(options: dict[str, Any], others: type[click.Option], got: str, expected: str) -> None:
-    """Take out the options of the other form of the command. Raises
-    UserError for one that was given.
+    """Take out the options of the other form of the command, by name.
+
+    options: of the command, changed. others: class of the options to take out. got, expected: words
+    for the error. Raises UserError for one that was given.
     """
     context = click.get_current_context()
     for option in context.command.params:

@@ -114,7 +114,11 @@ def _next_line(answer: Answer, script: Path | None, material: str | None) -> str
 
 
 def _require(answer: Answer, max_error: float, gate: Passivity | None) -> None:
-    """Raises LimitPassed where the answer is not what was asked for, or may not be recommended."""
+    """Raise LimitPassed where the answer is not what was asked for, or may not be recommended.
+
+    answer: of a search. max_error: largest error of e that is allowed. gate: of `--certify`, None
+    without.
+    """
     best = answer.best
     if answer.asked is not None and not answer.is_as_asked:
         got = f"no setting passes; the next is {best.line}"
@@ -153,7 +157,10 @@ def _gate(answer: Answer) -> Passivity:
 
 
 def _margin(target: Target, alpha: tuple[float, float] | None) -> float:
-    """Error of e from the uncertainty of α over the band (95 %); 0 for an exact α."""
+    """Error of e from the uncertainty of α over the target's band (95 %); 0 for an exact α.
+
+    alpha: α and its standard uncertainty, s/m; None where the target is no α.
+    """
     import numpy as np
 
     from hcbench.laws.restitution import Restitution
@@ -224,7 +231,10 @@ def _verdict(has_passed: bool | None) -> str:
 
 
 def _rows(best: Choice, target: Target) -> dict[str, str]:
-    """Rows of the table of a choice: name and value."""
+    """Rows of the table of a choice, values by their titles.
+
+    best: the choice. target: whose words say what e is held against. Values are texts with units.
+    """
     truth = {"law": "e of the law", "linear": "1 - α v", "points": "the target e"}[target.reading]
     low, high = best.speeds
     error = f"{two_digits(best.max_error)} against {truth} over {low:.4g} ... {high:.4g} m/s"
@@ -301,7 +311,10 @@ def _percent(share: float) -> str:
 
 
 def _print_interrupted(interrupt: SearchInterrupted, scene: str, as_json: bool) -> None:
-    """The best setting when a search was interrupted; it has not been simulated."""
+    """Print the best setting when a search was interrupted; it has not been simulated.
+
+    scene: its name, whose form decides on the text to paste. as_json: print JSON in place of lines.
+    """
     from hcbench.terms.scene import load_scene
     from hcbench.tuning.model import snippet
 

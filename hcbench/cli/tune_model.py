@@ -164,7 +164,11 @@ def _cure(tuned: TunedModel) -> str:
 
 
 def _reasons(tuned: TunedModel, limit: float) -> list[str]:
-    """Reasons why e misses the target, a sentence each."""
+    """Reasons why e misses the target, a sentence each.
+
+    limit: largest error of e that is allowed. Empty where e is within it and nothing is worse than
+    before.
+    """
     reasons = []
     if tuned.max_error > limit and abs(tuned.taken) > limit:
         verb = "take" if tuned.taken > 0.0 else "add"
@@ -404,7 +408,10 @@ def _stiffer(change: LandingChange) -> list[str]:
 
 
 def landing_record(change: LandingChange | None) -> dict[str, Any] | None:
-    """The landing in SI units for `--json`; None for None."""
+    """The landing for `--json`, SI units in the keys; None where the model was not dropped.
+
+    change: the landing before and after, with what is worse.
+    """
     if change is None:
         return None
     reach = None
