@@ -27,10 +27,9 @@ from hcbench.cli._process import (
 from hcbench.cli.cases import cases
 from hcbench.cli.check import check, land, measure, pairs
 from hcbench.cli.console import beyond_bounds_option
-from hcbench.cli.docs import docs
 from hcbench.cli.engines import engines, plugin
 from hcbench.cli.fit import fit
-from hcbench.cli.help import START, VARIABLE, completion, described, group
+from hcbench.cli.help import START, VARIABLE, completion, described, docs, group
 from hcbench.cli.law import convert, law, materials
 from hcbench.cli.randomize import randomize
 from hcbench.cli.report import paper, report, sweep

@@ -14,9 +14,9 @@ from hcbench.cli.console import (
     jobs_option,
     output_option,
     print_json,
+    progress,
 )
 from hcbench.cli.help import group
-from hcbench.cli.terminal import progress
 from hcbench.system.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
@@ -80,8 +80,7 @@ def run_cases(
     """
     import json
 
-    from hcbench.cases.run import run_engines
-    from hcbench.cases.score import known_failures, score
+    from hcbench.cases.score import known_failures, run_engines, score
     from hcbench.system.outputs import write_output
 
     known = _read_known(expected) if expected else known_failures()

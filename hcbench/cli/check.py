@@ -19,9 +19,11 @@ from hcbench.cli.console import (
     options,
     output_option,
     print_json,
+    progress,
+    show,
+    status,
 )
 from hcbench.cli.help import command
-from hcbench.cli.terminal import progress, show, status
 from hcbench.system.errors import EngineFailed, UserError
 from hcbench.system.text import joined_names, sanitized, split_names
 from hcbench.terms.options import LAUNCHES, OPTIONS

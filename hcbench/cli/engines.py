@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench.cli.console import as_json, print_json
+from hcbench.cli.console import as_json, print_json, progress, show, status
 from hcbench.cli.help import command, group
-from hcbench.cli.terminal import progress, show, status
 from hcbench.system.errors import OutputError, UserError
 
 if TYPE_CHECKING:

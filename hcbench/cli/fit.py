@@ -17,9 +17,10 @@ from hcbench.cli.console import (
     force_option,
     output_option,
     print_json,
+    show,
+    status,
 )
 from hcbench.cli.help import Command, command
-from hcbench.cli.terminal import show, status
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:

@@ -23,9 +23,9 @@ from hcbench.cli.console import (
     as_json,
     options,
     print_json,
+    show,
 )
 from hcbench.cli.help import command
-from hcbench.cli.terminal import show
 from hcbench.system.errors import UserError
 from hcbench.system.text import table
 

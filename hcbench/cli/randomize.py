@@ -17,9 +17,11 @@ from hcbench.cli.console import (
     options,
     output_option,
     print_json,
+    show,
+    show_code,
+    status,
 )
 from hcbench.cli.help import command
-from hcbench.cli.terminal import show, show_code, status
 from hcbench.system.errors import UserError
 from hcbench.system.text import as_bound, time_step
 

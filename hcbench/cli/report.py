@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench.cli.console import MASS, PathType, device_option, jobs_option
+from hcbench.cli.console import MASS, PathType, device_option, jobs_option, progress
 from hcbench.cli.help import command
-from hcbench.cli.terminal import progress
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -299,8 +298,8 @@ def paper(out: Path | None, quick: bool, jobs: int) -> None:
     Redraw every figure, and compute every number that the paper prints.
     """
     with progress("starting"):
-        from hcbench.paper.engines import engines_with_two_blocks
         from hcbench.paper.page import build, engines_drawn_in
+        from hcbench.paper.vibroimpact_figures import engines_with_two_blocks
         from hcbench.reporting.ask import default_folder, folder_for, missing_engines
 
         missing = missing_engines(engines_with_two_blocks(), _warn)

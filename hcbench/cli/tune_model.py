@@ -9,8 +9,7 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from hcbench.cli.console import print_json
-from hcbench.cli.terminal import show, show_code, status
+from hcbench.cli.console import print_json, show, show_code, status
 from hcbench.measuring.request import is_python
 from hcbench.sim.passivity import MOST_E
 from hcbench.system.errors import LimitPassed

@@ -10,8 +10,15 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from hcbench.reality.data_sets import Cell, Tick, outcome_of, run_each, settings_of
-from hcbench.reality.identify import best_values, search
+from hcbench.reality.data_sets import (
+    Cell,
+    Tick,
+    best_values,
+    outcome_of,
+    run_each,
+    search,
+    settings_of,
+)
 from hcbench.reality.impacts import ImpactRead, read_impacts
 from hcbench.reality.motion import LEAST_FLIGHT, Tosses, motion
 from hcbench.reality.study import SettingScore, of_cell

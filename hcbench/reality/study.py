@@ -17,15 +17,18 @@ from hcbench.reality.cube import VARIANTS
 from hcbench.reality.data_sets import (
     SETS,
     Cell,
+    Parameters,
     Tick,
+    committed,
+    identify,
     installed,
     outcome_of,
     parts_of,
     run_each,
     settings_of,
+    values_of,
 )
 from hcbench.reality.evidence import Slope, Switch
-from hcbench.reality.identify import Parameters, committed, identify, values_of
 from hcbench.reality.impacts import POSITION_NOISE, ROTATION_NOISE, ImpactRead, read_impacts
 from hcbench.reality.motion import (
     Motion,

@@ -93,7 +93,7 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Step
 
     def promised(self, text: str, pair: Pair, promise: Promise) -> str:
         """The text of a setting with a call that keeps its promise as user data of the first body."""
-        from hcbench.engines.pybullet.model.promises import promise_line
+        from hcbench.engines.pybullet.model.causes import promise_line
 
         # A whole script has dropped its ball when it ends; other text is no Python.
         if "pybullet." not in text or "pybullet.connect(" in text:

@@ -14,12 +14,12 @@ from hcbench.engines.mujoco.backend import (
     forget_resets,
     require_feature,
 )
-from hcbench.engines.mujoco.model.controllers import hold_pose
 from hcbench.engines.mujoco.model.open import as_requested
 from hcbench.engines.mujoco.model.over_floor import (
     OverFloor,
     falling_joint,
     falling_root,
+    hold_pose,
     robot_in,
     turn_base,
 )

@@ -18,10 +18,9 @@ from hcbench.engines.mujoco.backend import (
     resets,
 )
 from hcbench.engines.mujoco.model.bodies import body_name, geom_name, volumes
-from hcbench.engines.mujoco.model.controllers import Drive, drive_of
 from hcbench.engines.mujoco.model.find_pair import contact_in_force, named_pair
 from hcbench.engines.mujoco.model.open import copy_state
-from hcbench.engines.mujoco.model.over_floor import OverFloor, turn_base
+from hcbench.engines.mujoco.model.over_floor import Drive, OverFloor, drive_of, turn_base
 from hcbench.engines.mujoco.model.pair import WithoutContact, restitution_law
 from hcbench.engines.mujoco.model.promises import broken_promise, promise_in
 from hcbench.engines.mujoco.model.start_pose import require_quaternions, start_pose

@@ -21,13 +21,12 @@ from hcbench.engines.mujoco.model.causes import find_suspects
 from hcbench.engines.mujoco.model.causes.contact import WEAK, pyramidal_cone
 from hcbench.engines.mujoco.model.causes.context import Context, written_contact
 from hcbench.engines.mujoco.model.causes.motion import at_rest
-from hcbench.engines.mujoco.model.compiled_loop import flights_of
 from hcbench.engines.mujoco.model.find_pair import moving_joints
 from hcbench.engines.mujoco.model.open import OpenedModel
 from hcbench.engines.mujoco.model.pair import restitution_law
 from hcbench.engines.mujoco.model.promises import broken_promise, promise_in, slow_for_plugin
 from hcbench.engines.mujoco.model.shared_model import LentModel
-from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation
+from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation, flights_of
 from hcbench.engines.mujoco.model.standing import carried_by, rest_of_pair
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.diagnose import other_contacts

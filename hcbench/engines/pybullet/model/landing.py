@@ -16,6 +16,8 @@ from hcbench.engines.pybullet.backend import (
     LINK_A,
     NORMAL,
     POINT_A,
+    can_fork,
+    run_aside,
 )
 from hcbench.engines.pybullet.model.bodies import (
     FIXED,
@@ -23,8 +25,7 @@ from hcbench.engines.pybullet.model.bodies import (
     LINK_NAME,
     mass_and_volumes,
 )
-from hcbench.engines.pybullet.model.in_child import can_fork, run_aside
-from hcbench.engines.pybullet.model.start_pose import set_pose
+from hcbench.engines.pybullet.model.open import set_pose
 from hcbench.sim.density import unit_notes
 from hcbench.sim.landing import (
     WINDOW_S,

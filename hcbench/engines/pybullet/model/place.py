@@ -17,6 +17,7 @@ from hcbench.engines.pybullet.backend import (
     POINT_A,
     POINT_B,
     BulletClient,
+    run_aside,
 )
 from hcbench.engines.pybullet.model.bodies import (
     FIXED,
@@ -35,9 +36,12 @@ from hcbench.engines.pybullet.model.bodies import (
     rotate,
     vector,
 )
-from hcbench.engines.pybullet.model.in_child import run_aside
-from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart, LoadedWorld
-from hcbench.engines.pybullet.model.start_pose import require_joints_within_limits
+from hcbench.engines.pybullet.model.open import (
+    ANY_LINK,
+    BodyPart,
+    LoadedWorld,
+    require_joints_within_limits,
+)
 from hcbench.sim.model_under_test import Vector
 from hcbench.sim.touch import LEAST_APPROACH, require_apart, require_reachable, travel_by_distance
 from hcbench.system.errors import UserError

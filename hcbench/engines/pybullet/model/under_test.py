@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hcbench.engines.pybullet import plugin
-from hcbench.engines.pybullet.backend import BACKEND
+from hcbench.engines.pybullet.backend import BACKEND, Answer, can_fork, release_aside, run_aside
 from hcbench.engines.pybullet.model.bodies import (
     BODY_TYPE,
     MAXIMAL_COORDINATES,
@@ -25,21 +25,27 @@ from hcbench.engines.pybullet.model.bodies import (
 )
 from hcbench.engines.pybullet.model.causes import (
     BulletContext,
+    broken_promise,
     find_suspects,
+    promise_in,
     restitution_setting,
     restitutions,
     speed_of_hops,
     what_distorts,
 )
-from hcbench.engines.pybullet.model.in_child import Answer, can_fork, release_aside, run_aside
 from hcbench.engines.pybullet.model.landing import land
 from hcbench.engines.pybullet.model.list_pairs import find_pair, list_pairs
 from hcbench.engines.pybullet.model.loads import PairInWorld, carried_by, standing
-from hcbench.engines.pybullet.model.open import LoadedWorld, load_files, open_live
+from hcbench.engines.pybullet.model.open import (
+    LoadedWorld,
+    base_states,
+    joint_states,
+    load_files,
+    open_live,
+    set_pose,
+)
 from hcbench.engines.pybullet.model.place import place
-from hcbench.engines.pybullet.model.promises import broken_promise, promise_in
 from hcbench.engines.pybullet.model.simulation import LaunchInUserWorld, pair_friction
-from hcbench.engines.pybullet.model.start_pose import base_states, joint_states, set_pose
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.density import unit_notes
 from hcbench.sim.model_under_test import (
