@@ -66,9 +66,7 @@ def run(engine: Any, cases: Json) -> Json:
 
 
 def _run_case(engine: Any, runs: list[Json]) -> list[Json]:
-    """Results of a case's runs in an engine, in order: {"states": ...}, {"unsupported": why} or
-    {"error": why} each.
-    """
+    """Results: {"states": ...}, {"unsupported": why} or {"error": why}."""
     batches: dict[str, list[tuple[Json, Json]]] = {}  # runs, each with its result
     results = []
     for number, each in enumerate(runs):
@@ -98,10 +96,7 @@ def _with_place(error: Exception) -> str:
 
 
 def _run_batch(engine: Any, batch: list[tuple[Json, Json]]) -> None:
-    """Step the worlds that the engine can make; add the states that are asked for to the results.
-
-    batch: (run, its result, which is changed) each. Raises what the engine raises.
-    """
+    """Step the worlds that the engine can make; add the states that are asked for to the results."""
     made = []
     for each, result in batch:
         try:
@@ -161,10 +156,9 @@ def restitution(each: Json, states: States) -> float:
 
 
 def _free_rise(z: dict[int, float], fall: float, touch: float) -> list[int]:
-    """Steps after the contact on which a ball first rises freely.
+    """Steps after the contact on which a ball first rises, by its heights z, m, by step.
 
-    z: its heights, m, by step. fall: second difference of heights in free flight, m; a ball that
-    rests or hovers has none. touch: height in contact, m.
+    fall: second difference of heights in free flight, m; a ball that rests or hovers has none.
     """
     free: list[int] = []
     is_up = False
@@ -275,10 +269,7 @@ def judge(results: Json, cases: Json) -> list[Json]:
 
 
 def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
-    """The verdict on one case.
-
-    done: the results of its runs, in order. combine: rule for two restitutions, None without one.
-    """
+    """The verdict on one case. done: the results of its runs, in order."""
     worst: Json = {}
     off: dict[str, float] = {}  # largest error, by quantity
     word, why = "pass", ""
@@ -314,9 +305,8 @@ def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
 def _compared(
     each: Json, states: States, combine: str | None
 ) -> Iterator[tuple[str, float, float]]:
-    """(name, measured, true) of each number that a run expects.
-
-    combine: rule for two restitutions. Raises NotImplementedError where it is needed and None.
+    """(name, measured, true) of each number expected; NotImplementedError without a rule to
+    combine.
     """
     materials = each["world"].get("materials")
     if materials and combine is None:
@@ -343,7 +333,7 @@ def outcome(verdict: Json, expected: Json) -> tuple[str, str]:
 
 
 def junit(verdicts: list[Json], engine: str, expected: Json) -> str:
-    """The verdicts as JUnit's XML. expected: reasons of known failures, by case."""
+    """The verdicts as JUnit's XML."""
     root = ElementTree.Element("testsuite", name=f"hcbench-cases {engine}")
     for verdict in verdicts:
         name, of = f"{verdict['case']} {verdict['title']}", f"hcbench-cases.{engine}"
@@ -364,8 +354,7 @@ def run_apart(
     """Results of an engine, from a process of its own.
 
     One that ends early, or takes longer than `limit` s for a case, costs this case; another goes
-    on. variant: which of the adapter's engines. start: runs Python with arguments. Raises
-    RuntimeError where the adapter makes no engine.
+    on. start: runs Python with arguments. Raises RuntimeError where the adapter makes no engine.
     """
     results: Json = {}
     runs: Json = {}
