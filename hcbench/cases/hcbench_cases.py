@@ -156,7 +156,7 @@ def restitution(each: Json, states: States) -> float:
 
 
 def _free_rise(z: dict[int, float], fall: float, touch: float) -> list[int]:
-    """Steps after the contact on which a ball first rises, by its heights z, m, by step.
+    """Steps after the contact on which a ball first rises, by its heights, m.
 
     fall: second difference of heights in free flight, m; a ball that rests or hovers has none.
     """
@@ -305,9 +305,7 @@ def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
 def _compared(
     each: Json, states: States, combine: str | None
 ) -> Iterator[tuple[str, float, float]]:
-    """(name, measured, true) of each number expected; NotImplementedError without a rule to
-    combine.
-    """
+    """(name, measured, true) of each number that a run expects."""
     materials = each["world"].get("materials")
     if materials and combine is None:
         raise NotImplementedError("no rule for two restitutions is stated")
