@@ -155,7 +155,8 @@ class Folder:
     def __init__(self, study: Mapping[str, Any]) -> None:
         """Begin without impacts, for one study.
 
-        study: as `Study.described` gives it.
+        study: as plain values, with defaults filled in, SI; its phases, speeds and step_speed
+        count.
         """
         self._step_speed = float(study["step_speed"])
         # The phases are (k + 1/2) / phases: this is the later of the two middle ones.
@@ -313,8 +314,8 @@ def _edges(study: Mapping[str, Any]) -> Floats | None:
     """Speeds, m/s, that divide the band of a study into MOST_SPEEDS places of one width; None where
     no run has more speeds than that, and all are shown.
 
-    study: as `Study.described` gives it. Shape (MOST_SPEEDS - 1,): the ends of the band are left
-    out.
+    study: as plain values, SI; its speeds and those of its runs count. Shape (MOST_SPEEDS - 1,):
+    the ends of the band are left out.
     """
     bands = [study["speeds"], *(run["speeds"] for run in study["runs"])]
     if max(map(len, bands)) <= MOST_SPEEDS:
@@ -391,7 +392,7 @@ class ImpactTable:
         """The table of impacts that are in memory anyway.
 
         rows: one an impact, with IMPACT_COLUMNS, and FOLDED_OBLIQUE in a study with oblique
-        launches. study: as `Study.described` gives it.
+        launches. study: as plain values, with defaults filled in, SI.
         """
         if rows.empty:
             return cls({}, _InMemory({(): rows}))

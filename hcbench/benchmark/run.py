@@ -109,10 +109,11 @@ def run_study(
 def run_in_pool(
     pool: WorkerPool, study: Study, progress: Callable[[int, int], None] | None = None
 ) -> Results:
-    """Run a study as `run_study` does, in a pool of processes that has other work before or after.
+    """Run a study in a pool of processes that has other work before or after; return its results,
+    which read their rows from a temporary folder.
 
-    progress: called with (impacts done, impacts in all). Raises as `run_study`; the temporary
-    folder of the results is then removed.
+    progress: called with (impacts done, impacts in all). Raises as `run_study`; the folder is then
+    removed.
     """
     from hcbench.benchmark.read import results_in
 

@@ -450,7 +450,7 @@ class Store:
         """Impacts and kept loops of a shard, bytes of a table each; no bytes where it kept no
         loops.
 
-        number, name: as `shards` gives them. Raises UserError for a shard that is damaged,
+        number: of the shard. name: of its file. Raises UserError for a shard that is damaged,
         OutputError where it cannot be read.
         """
         with self._output_errors("a folder that can be read"):
@@ -543,9 +543,9 @@ class Store:
     def write_summary(self, settings: Sequence[Mapping[str, Any]], totals: Totals) -> None:
         """Bring the summary up to date: one line a setting, α and step, in the study's order.
 
-        settings: records with the keys of RUN_KEY, as `Plan.records`.
-        totals: sums of all shards until now. A setting of which no shard is done yet gets 0 impacts
-        and empty cells. Raises OutputError.
+        settings: records with the keys of RUN_KEY, one for each line. totals: sums of all shards
+        until now. A setting of which no shard is done yet gets 0 impacts and empty cells. Raises
+        OutputError.
         """
         lines = totals.lines()
         text = io.StringIO()
@@ -601,8 +601,7 @@ def _are_starts(starts: Any, parts: Any) -> bool:
 def _difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
     """Name the first difference between two sweeps, for an error; None if they are equal.
 
-    there, here: descriptions as `Plan.described` gives them, after JSON: of the folder, and of the
-    plan.
+    there, here: descriptions, as JSON has them: of the folder, and of the plan.
     """
     old = there["versions"]
     new = here["versions"]

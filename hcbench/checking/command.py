@@ -132,8 +132,8 @@ def _listed(table: dict[str, Any] | None, path: Path, spec: CheckSpec) -> list[C
     """The checks of a file; a limit or baseline given with the file holds for all of them.
 
     table: of checks in the file, None for a file without one. path: of the file.
-    Raises UserError for other options given with it, and for a table that cannot be read as checks,
-    as `checks_in` does.
+    Raises UserError for other options given with it, for a file without checks, and for a check
+    with wrong keys or values, by their names.
     """
     _require_only(
         spec,

@@ -158,7 +158,8 @@ def _solve(
 
     force: F in N over ξ and η.
     inertia: X/(m v_i²), 1/N; weight: g X/v_i², without unit.
-    tolerance, step_max: as of `impact`.
+    ending: parting where x = 0, or already where F = 0. tolerance: relative error of a step.
+    step_max: largest step in τ.
     Returns SciPy's solution; its events are, in this order: x = 0, F = 0, turning, turning back.
     Raises EngineFailed where SciPy gives up.
     """

@@ -299,10 +299,11 @@ def request_for(request: Request, speeds: object, known: MaterialPair | None) ->
 def _each_once(
     quantity: str, name: str, kind: str, **bounds: float
 ) -> Callable[[Any], tuple[float, ...]]:
-    """Make a reader of several quantities, which refuses equal ones by QuantityError.
+    """Make a reader of several quantities in SI, which refuses equal ones and those outside the
+    bounds by QuantityError.
 
-    quantity, bounds: as `units.parse_values` takes them. name: of the option. kind: "a speed" and
-    the like, for the error.
+    quantity: such as "speed". bounds: `above` or `least`, SI. name: of the option. kind: "a speed"
+    and the like, for the error.
     """
 
     def read(given: Any) -> tuple[float, ...]:

@@ -50,11 +50,13 @@ def measure_trajectory(
 ) -> TrajectoryTouchdowns:
     """Measure at which speeds the parts of a robot met the floor in a recorded motion.
 
-    model: as `measure` takes it.
+    model: a path, text or object, as `measure` takes it.
     trajectory: an .npz or JSON file, or a mapping, with qpos (n, nq), qvel (n, nv) and time (n,),
     s, of the states; without time, one a time step of the model.
     pair: the two to read; None: each part that moves, on what does not.
-    engine, limit: as in `measure`.
+    engine: name of one; None: the first that opens such a model. limit: s or with a unit, after
+    which the worker counts as hung.
+
     Raises UserError for other arrays, for an engine that reads no recordings, and for a model that
     cannot be opened; EngineFailed where the worker died or hung.
     """

@@ -374,10 +374,10 @@ _OVERLAID = (0, 1, 5, 4)
 def _in_engine(
     name: str, tuned_at: float | None, effort: Effort
 ) -> tuple[EngineTrajectory, EngineTrajectory]:
-    """The motion of the clear mass, and the last cycle of the squeezed one.
+    """The motion of the clear mass, and the last cycle of the squeezed one, in an engine.
 
-    name: of the engine. tuned_at: as of `simulate_in_engine`, which raises EngineMissing and
-    EngineFailed.
+    name: of the engine. tuned_at: speed, m/s, at which its own contact is tuned; None: its plug-in
+    is used. Raises EngineMissing, and EngineFailed where the engine crashes or hangs.
     """
     clear = simulate_in_engine(
         name, LOOSE, 0.0, START, CLEAR_FOR, CLEAR, timestep=effort.timestep, tuned_at=tuned_at

@@ -75,9 +75,10 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
 def outcome(
     module: TossModule, setting: ContactSetting, values: tuple[float, ...], bounces: MeasuredBounces
 ) -> SettingErrors:
-    """Errors of the ratio of tangential speeds, of an engine's setting.
+    """Errors of an engine's setting: of the ratio of tangential speeds after and before.
 
-    module: `toss` of the engine. values: of the setting's parameters. bounces: of `cases`.
+    module: `toss` of the engine. values: of the setting's parameters. bounces: all throws. Raises
+    what the engine raises.
     """
     later, spin = bounced(module, setting, values, body(), bounces, TIMESTEP, DURATION)
     return judged(bounces, later, spin)

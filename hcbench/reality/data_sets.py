@@ -293,8 +293,8 @@ def committed() -> Parameters:
 def values_of(parameters: Parameters, data: str, cell: Cell) -> tuple[float, ...] | None:
     """Values of the parameters of a cell's setting, in their order; None where one is not known.
 
-    parameters: set -> engine -> setting -> name -> value, as `identify` gives them. What the data
-    set fixes comes before them.
+    parameters: set -> engine -> setting -> name -> value. data: name of the set. What the data set
+    fixes goes before them.
     """
     searched = parameters.get(data, {}).get(cell.engine, {}).get(cell.setting, {})
     known = {**searched, **SETS[data].FIXED}

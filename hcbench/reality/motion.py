@@ -326,9 +326,11 @@ def bounced(
     timestep: float,
     duration: float,
 ) -> tuple[Floats, Floats]:
-    """Velocities (m/s) and spins (rad/s) with which an engine's bodies
-    leave the plate, shape (n, 3) each; of one that does not leave, see `_after`.
+    """Velocities (m/s) and spins (rad/s) with which an engine's bodies leave the plate, shape (n,
+    3) each.
 
+    One that has not left at the end has the velocity along the plate of the last step, and none
+    upwards.
     module: `toss` of the engine, which runs in this process. values: of the setting's parameters.
     bounces: the states at the touch to start from. timestep, duration: s.
     Raises what the engine raises.

@@ -64,7 +64,12 @@ class DrakeModel(ModelUnderTest):
     def __init__(
         self, drake: Any, version: str, source: Any, request: Request, changes: Mapping[str, Any]
     ) -> None:
-        """Load the files and bring the pair to touch; errors are those of the class."""
+        """Load the files and bring the pair to touch.
+
+        drake: the module pydrake.all. version: of Drake. source: one path or several. changes: what
+        fixes have set, {} for none. Raises UserError or SceneError where the pair cannot be
+        measured.
+        """
         _require_normal_launches(request)
         self._given = drake, version, source, request
         self._version = version

@@ -333,8 +333,8 @@ class MujocoEngine(
     ) -> list[CandidatePair]:
         """Pairs of geoms of a user's model that may collide, those that touch at the start first.
 
-        source: as of `open`. request: the pose. rebuild: unused. Raises UserError for a URDF
-        without any, and what opening raises.
+        source: a path, an MjModel, an MjSpec, MJCF text, or a state as it stands. request: the
+        pose. rebuild: unused. Raises UserError for a URDF without any, and what opening raises.
         """
         from hcbench.engines.mujoco.model.find_pair import list_pairs
         from hcbench.engines.mujoco.model.open import load as load_user_model
@@ -393,8 +393,9 @@ class MujocoEngine(
         """Drop a robot with a free joint over parts of the world, from each height and tilt of
         `drops`.
 
-        source: as of `open`. request: the pose and conditions. rebuild: unused. Raises UserError
-        where the model has no such robot, EngineFailed where it diverges.
+        source: a path, an MjModel, an MjSpec, MJCF text, or a state as it stands. request: the pose
+        and conditions. rebuild: unused. Raises UserError where the model has no such robot,
+        EngineFailed where it diverges.
         """
         from hcbench.engines.mujoco.model.landing import land
         from hcbench.engines.mujoco.model.open import load as load_user_model
@@ -406,8 +407,8 @@ class MujocoEngine(
     ) -> TrajectoryTouchdowns:
         """Find where a recorded motion met the floor.
 
-        source: as of `open`. request: its pair is the one to read; without one each part that
-        moves, on what does not.
+        source: a path, an MjModel, an MjSpec or MJCF text. request: its pair is the one to read;
+        without one each part that moves, on what does not.
         recorded: qpos (n, nq) and qvel (n, nv), SI, and time (n,), s, where it is known. Raises
         UserError for other shapes.
         """
@@ -428,8 +429,9 @@ class MujocoEngine(
     ) -> Standing:
         """Measure how a user's model stands, in plain steps of the model.
 
-        source: as of `open`. setting: that is written into it; None: as it is. requests: of its
-        pairs. Raises UserError where a pair cannot be brought to touch.
+        source: a path, an MjModel, an MjSpec, MJCF text, or a state as it stands. setting: that is
+        written into it; None: as it is. requests: of its pairs. Raises UserError where a pair
+        cannot be brought to touch.
         """
         from hcbench.engines.mujoco.model.standing import standing
 
@@ -453,8 +455,8 @@ class MujocoEngine(
         """Peak forces of drops of the pair's moving body, with all that hangs on it, over its
         weight.
 
-        source: as of `open`. request: of the pair. Returns () where the body cannot fall on what
-        stands still, and for a MuJoCo without contact sensors.
+        source: a path, MJCF text or an MjSpec. request: of the pair. Returns () where the body
+        cannot fall on what stands still, and for a MuJoCo without contact sensors.
         """
         from hcbench.engines.mujoco.model.drop_test import landing_peaks
 
@@ -491,7 +493,8 @@ def _pool(scene: Scene, timestep: float, options: Options) -> BatchPool:
     """The pool of a scene under a setting, compiled, or the one that was made for it before.
 
     timestep: s. options: the setting's. Compiled again if the scene's file has changed or names
-    others. Errors are those of `load`.
+    others. Raises SettingError for friction or adhesion in a cup, SceneError for a model that is
+    not what the scene says, EngineMissing for a MuJoCo that is too old.
     """
     try:
         written = mjcf.model_path(scene).read_bytes()

@@ -193,8 +193,9 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Step
         """Settings to try, each lines of changeDynamics and setPhysicsEngineParameter for all
         pairs.
 
-        source, rebuild: as of `open`. requests: of the pairs. goal: e over speed. was, version:
-        unused. Errors come as they are read: UserError for a live client, and those of `open`.
+        source: files, a `World`, or a client. rebuild: makes it again, where a function built it.
+        requests: of the pairs. goal: e over speed. was, version: unused. Errors come as they are
+        read: UserError for a live client, and what opening raises.
         """
         from hcbench.engines.pybullet.model.under_test import model_settings
 
@@ -205,8 +206,9 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Step
     ) -> Standing:
         """Measure how the first pair of a user's world rests on the level and on a slope.
 
-        source: as of `open`. setting: whose lines are run first; None: the world as it is.
-        requests: of the pairs; the first counts. Raises the errors of `open`.
+        source: files, a `World`, or a client. setting: whose lines are run first; None: the world
+        as it is. requests: of the pairs; the first counts. Raises UserError and SceneError where it
+        cannot be opened.
         """
         from hcbench.engines.pybullet.model.under_test import PybulletModel
 
@@ -225,9 +227,9 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Step
         """Drop a robot with a free base over the fixed bodies of its world, from each height and
         tilt.
 
-        source, rebuild: as of `open`. request: the pose. drops: heights, m, tilts, rad, and the
-        controller. Raises UserError for a world without robot or floor, and for another process's
-        client.
+        source: files, a `World`, or a client. rebuild: makes it again, where a function built it.
+        request: the pose. drops: heights, m, tilts, rad, and the controller. Raises UserError for a
+        world without robot or floor, and for another process's client.
         """
         from hcbench.engines.pybullet.model.under_test import land_in
 

@@ -402,8 +402,8 @@ def build(
 
 
 def _probes(view: FieldView) -> dict[Case, features.Probe | None]:
-    """Run the probe of each engine's usual setting, see `_usual_case`; an engine without one is
-    left out. None for a setting whose probe could not run.
+    """Run the probe of computing time of each engine's usual setting; an engine without one is left
+    out. None for a setting whose probe could not run.
     """
     probes = {}
     scene = features.scene_of(view)
@@ -432,7 +432,10 @@ def _far_from_usual(step: float) -> float:
 
 
 def _costs(view: FieldView, probes: Mapping[Case, features.Probe | None]) -> str:
-    """The table of computing time as CSV, see `features.csv_of`, of the settings probed."""
+    """The table of computing time as CSV, in µs a ball and step.
+
+    probes: by setting; None is left out.
+    """
     machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
     costs = []
     for case, of_case in probes.items():

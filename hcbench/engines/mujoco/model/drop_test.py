@@ -344,7 +344,12 @@ class DropBench:
         )
 
     def _settling(self, motion: _DropMotion) -> _Settling:
-        """The end of a drop: how the robot came to rest, and lies in the last TAIL_S seconds."""
+        """The end of a drop: how the robot came to rest after the touch, and lies in the last
+        TAIL_S seconds.
+
+        motion: a row for the start of each step, SI. Unknown, with NaN, for a drop that ends before
+        LATE_S + TAIL_S. `_height_at_touch` is that of its centre over its lowest point, m.
+        """
         h = self.timestep
         count = len(motion.height)
         touch = motion.touch

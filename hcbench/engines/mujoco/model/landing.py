@@ -158,7 +158,11 @@ class _Bench:
     """
 
     def __init__(self, model: Any, start: Any) -> None:
-        """Find the robot and what it can land on. Raises UserError as `_heaviest_base` does."""
+        """Find the robot and what it can land on.
+
+        start: MjData of the pose to drop it in. Raises UserError for a model without a free joint,
+        or without gravity.
+        """
         self.model = model
         self.start = start
         self.timestep = float(model.opt.timestep)

@@ -67,7 +67,12 @@ class OpenedModel(ModelUnderTest):
     least_steps = 32
 
     def __init__(self, model: Any, label: str, state: Any, request: Request) -> None:
-        """Bring the pair of the request to touch; errors are those of the class."""
+        """Bring the pair of the request to touch.
+
+        model: an MjModel, which this object may change. label: its name in outputs. state: an
+        MjData to start from, or None. Raises UserError and its kinds where the pair cannot be
+        measured.
+        """
         require_feature(backend(), "mj_copyData")
         self.model = model
         self.label = label

@@ -290,10 +290,9 @@ def _from_there(
     data: MjData at the start; changed.
     coming_from: the side of the first part, a unit vector away from the second; the second comes
     from the other side.
-    chosen: the only mover that may, as in `_joints`.
-
+    chosen: the only mover that may, "base:", "body:NAME" or "joint:NAME"; None: any.
     Raises UserError where no joint moves one of them along it, they do not meet, or something else
-    is in the way, as `_at_touch` does.
+    is in the way.
     """
     model = pair.model
     there = np.asarray(coming_from)

@@ -159,7 +159,11 @@ def broken_promise(
 
 
 def _longer_step(model: Any, promise: Promise) -> Iterator[Suspect]:
-    """A time step longer than that up to which a plug-in bounces over its whole band."""
+    """Yield the suspect of a time step longer than that up to which a plug-in bounces over its
+    whole band; at most one.
+
+    promise: what hcbench wrote, with that step, s; one without a step is kept at any.
+    """
     step = float(model.opt.timestep)
     promised = float(dict(promise.option).get("timestep", math.inf))
     if step > (1.0 + _SAME) * promised:

@@ -401,7 +401,8 @@ def _setting(source: Any, requests: Sequence[Request], contact: FootContact) -> 
     """A contact of the feet as a setting of a user's model: notes, the model under a request, and
     its text.
 
-    source, requests: as of `rebound_settings`; errors of `write_contact`.
+    source: a file, MJCF text or an MjSpec. requests: each with the names of a foot and its floor.
+    Raises UserError for a source that cannot be written, for unknown pairs and for too many geoms.
     """
     made = write_contact(source, requests, contact)
     notes = [

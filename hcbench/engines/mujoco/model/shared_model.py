@@ -52,7 +52,12 @@ class LentModel(ModelUnderTest):
     diverged = NOT_FINITE
 
     def __init__(self, own: OpenedModel, engine: SharedModelEngine, as_given: bool = True) -> None:
-        """Make the engine's copies of the model; errors are those of the class."""
+        """Make the engine's copies of the model.
+
+        own: the model as MuJoCo opened it. engine: that steps. as_given: the model is the user's
+        own, without fixes. Raises SceneError for what the engine does not have, SettingError for a
+        step too short for its numbers.
+        """
         self._own = own
         self._engine = engine
         self._as_given = as_given

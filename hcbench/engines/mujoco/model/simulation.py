@@ -115,9 +115,11 @@ class MujocoFlight:
         self._state = np.empty(self._mujoco.mj_stateSize(self._model, whole))
 
     def _put_at_release(self, launch: Launch, clearance: float) -> MujocoAlongPlate | None:
-        """Put `_data` where the launch begins; return the reader along the plate of an oblique one.
+        """Put `_data` where the launch begins; return the reader along the plate of an oblique one,
+        else None.
 
-        clearance: from the touch, m, along the motion that leads there. Errors are `__init__`'s.
+        clearance: from the touch, m, along the motion that leads there. Raises UserError where an
+        oblique launch asks for a motion that the joints cannot make.
         """
         mujoco = self._mujoco
         data = self._data
@@ -570,7 +572,8 @@ class CompiledFlight(MujocoFlight):
     ) -> None:
         """Put the pair where the launch begins.
 
-        pair: of the model under test. Other arguments and errors are `MujocoFlight`'s.
+        opened: the model under test, with its pair at touch. space: MjData in which this launch is
+        stepped. pair: of the model under test, for C. Only normal launches come here.
         """
         super().__init__(opened, launch, space)
         contact = opened.place.contact

@@ -109,10 +109,11 @@ def rest_of_pair(opened: OpenedModel) -> Rest | None:
 
 
 def laid_down(opened: OpenedModel) -> tuple[Rest | None, Any]:
-    """(rest of the pair, see `rest_of_pair`; MjData at its end).
+    """(rest of the pair, MjData at its end): from its start if it touches there; else from the
+    touch, if gravity presses the two together.
 
-    The pair rests in its start if it touches there; else it is laid down at touch, if gravity
-    presses the two together.
+    opened: with the pair at touch. The rest is None where nothing holds the two together, DIVERGED
+    where the state is not finite at the end.
     """
     data = copy.copy(opened.start)
     place = opened.place

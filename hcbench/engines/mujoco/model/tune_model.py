@@ -109,7 +109,7 @@ def _turned(placed: MujocoModel, geom: int, way: tuple[float, float, float]) -> 
     """qpos, (nq,), of a model whose loose body is turned so that a direction points at the other.
 
     placed: the model, with the pair at touch. geom: of the loose body.
-    way: the direction, see `_ways_of_shape`.
+    way: the direction, in half sizes along the geom's own axes: (0, 0, 1) is its upper face.
     """
     model = placed.model
     start = placed.start
@@ -188,10 +188,11 @@ _SAME_GRAVITY = 2.0
 
 
 def attitudes_of(source: Any, request: Request) -> list[tuple[str, Request]]:
-    """(attitude, request) of each way in which the two can meet, of a user's model: see
-    `attitudes`.
+    """(attitude, request) of each way in which the two can meet, such as the face, edge and vertex
+    of a box; ("", request) where there is only one.
 
-    source: a file, MJCF text, MjModel or MjSpec; errors are those of `load` and `attitudes`.
+    source: a file, MJCF text, MjModel or MjSpec. Raises SceneError for a model that does not
+    compile, UserError where the pair cannot be brought to touch.
     """
     model, label, state = load(source, request)
     return attitudes(model, label, state, request)

@@ -145,10 +145,10 @@ def families(source: Any, requests: Sequence[Request]) -> Iterator[PairWorlds]:
     """Yield families of contacts for pairs of a user's model, the ones whose e chance moves least
     first.
 
-    source: see `open.load`. requests: one a pair. A row of one step comes first where nothing
-    slides and the integrator is not RK4; then springs, the softest and longest first. Raises
-    SceneError for a model that does not compile, UserError where a pair cannot be measured or no
-    <pair> keeps its e.
+    source: a file, MJCF text or an MjSpec. requests: one a pair. A row of one step comes first
+    where nothing slides and the integrator is not RK4; then springs, the softest and longest first.
+    Raises SceneError for a model that does not compile, UserError where a pair cannot be measured
+    or no <pair> keeps its e.
     """
     load(source, requests[0])
     model = spec_of(source).compile()

@@ -406,7 +406,7 @@ def written(
 
     pairs: each with its rows, one <pair> a row for every two geoms. impratio: of the whole model
     under elliptic cones, 0 to leave both; None: what the rows need. Raises UserError for a source
-    that cannot be written, as `spec_of` does.
+    that cannot be written, such as a compiled model or a file that is not in UTF-8.
     """
     spec = spec_of(source)
     model = spec.compile()

@@ -109,7 +109,8 @@ def _way_in(work: Floats, damping: Floats, speeds: Floats) -> tuple[Whole, Float
     """(number of the interval in which each impact turns round, -1 where it goes through all; the
     share of that interval, 0 to 1, that it gets into); (population, speeds) each.
 
-    work, damping: of the intervals, as `_work_and_damping` gives them. speeds: at touch.
+    work, damping: elastic work and damping of each interval of depth, (population, intervals).
+    speeds: at touch, over the highest of the band, (speeds,).
     """
     v = np.broadcast_to(speeds, (len(work), len(speeds))).copy()
     last = np.full(v.shape, -1)
@@ -134,9 +135,10 @@ def _way_in(work: Floats, damping: Floats, speeds: Floats) -> tuple[Whole, Float
 def _way_out(work: Floats, damping: Floats, last: Whole, part: Floats) -> Floats:
     """Speed at which each impact leaves, (population, speeds), in the highest speed of the band.
 
-    work, damping: of the intervals, as `_work_and_damping` gives them.
-    last, part: where each turns round, as `_way_in` gives them. An interval in which the damping
-    would pull adds nothing: the contact only pushes.
+    work, damping: elastic work and damping of each interval of depth, (population, intervals).
+    last, part: the interval in which each turns round, and the share of it that it gets into,
+    (population, speeds). An interval in which the damping would pull adds nothing: the contact only
+    pushes.
     """
     s = np.zeros(part.shape)
     for i in range(int(last.max()), -1, -1):

@@ -126,9 +126,9 @@ class RowFit:
     def errors(self, parameters: Floats) -> Floats:
         """Error of each of p settings, (p,): the largest of e, and penalties.
 
-        parameters: (p, 6), as of `numbers`. Added are what the contact is deeper than it may be,
-        and a large share of what the largest e is above 0.995 or the target's: a setting that gains
-        energy is never the best.
+        parameters: (p, 6), half period in steps and logs of the rest. Added are what the contact is
+        deeper than it may be, and a large share of what the largest e is above 0.995 or the
+        target's: a setting that gains energy is never the best.
         """
         e, deepest = self._simulate(self.numbers(parameters))
         in_band = ~np.isnan(self.target)
@@ -142,7 +142,8 @@ class RowFit:
         """The rows of all launches under each of p settings, shape (p n,), a setting after the
         other.
 
-        numbers: six columns, (p,) each, as `RowFit.numbers` gives them.
+        numbers: six columns, (p,) each: K h² and D h of the spring; D h, dmax, width/(v h) and
+        midpoint of the damper.
         """
         stiffness, spring_damping, damping, dmax, width, midpoint = numbers
         # In MuJoCo's reference k = K d/dmax² and b = D/dmax; the spring has d = dmax = dmin.
@@ -163,7 +164,8 @@ class RowFit:
     def _simulate(self, numbers: tuple[Floats, ...]) -> tuple[Floats, Floats]:
         """(e of each launch, 0 where it has not parted; largest penetration over v h); (p, n) each.
 
-        numbers: of p settings, as `numbers` gives them.
+        numbers: six columns, (p,) each: K h² and D h of the spring; D h, dmax, width/(v h) and
+        midpoint of the damper.
         """
         rows = self._rows(numbers)
         g = self.fall

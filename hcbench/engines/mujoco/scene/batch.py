@@ -248,7 +248,8 @@ class BatchedModel:
     def unpack(self, packed: Floats, states: Floats) -> Floats:
         """`states`, (b, nstate), with the time, positions and velocities of the batch's states.
 
-        packed: (rows, nstate of the batch), as `pack` makes them. The result is a copy.
+        packed: states of the batch, (rows, nstate of the batch), several balls in each row. The
+        result is a copy.
         """
         if self.whole:
             return packed.copy()

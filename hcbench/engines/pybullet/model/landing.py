@@ -145,8 +145,9 @@ class _DropBench:
     """
 
     def __init__(self, world: LoadedWorld) -> None:
-        """Find the robot, of several with a free base the one with most joints, and its floors;
-        errors are those of the class.
+        """Find the robot, of several with a free base the one with most joints, and its floors.
+
+        Raises UserError for a world without a free base, without a floor, or without gravity.
         """
         bullet = self.bullet = world.bullet
         masses = {body: bullet.getDynamicsInfo(body, -1)[0] for body in bullet.bodies()}

@@ -170,7 +170,12 @@ class PybulletModel(ModelUnderTest):
         request: Request,
         fixes: Sequence[Suspect] = (),
     ) -> None:
-        """Apply the request and the fixes, and bring the pair to touch; errors are the class's."""
+        """Apply the request and the fixes, and bring the pair to touch.
+
+        world: loaded. build: makes it again; None for a live client. fixes: suspects, made before
+        the pair is placed. Raises UserError and its kinds where the pair cannot be measured; a live
+        client then gets back what it had.
+        """
         self.world = world
         self.request = request
         self.build = build
@@ -520,10 +525,12 @@ def list_pairs_of(
 def land_in(
     source: Any, request: Request, drops: DropPlan, rebuild: Callable[[], Any] | None
 ) -> Landings:
-    """Drop the robot of a world from each height, m, and tilt, rad, of `drops`; see `landing.land`.
+    """Drop the robot of a world from each height, m, and tilt, rad, of `drops`, each time in a
+    forked copy of this process.
 
     source: files, a `World`, or a client. rebuild: makes the world again, where a function built
-    it. Raises SceneError for files that do not load, and the errors of `land`.
+    it. Raises SceneError for files that do not load, UserError where there is no robot or nothing
+    to land on, EngineFailed where a velocity is no longer finite.
     """
     world, _ = _loaded(source, rebuild, request.packages)
     try:
@@ -574,10 +581,10 @@ def model_settings(
 
     The first lets bodies come to rest under gravity, by a speed below which nothing bounces; the
     second lets all bounce.
-    source, rebuild: as of `open_world`. requests: of the pairs, one or more; their speeds choose
-    the constant e nearest to `goal`.
-    Raises UserError for a live client, and for a part that would need two restitutions; also the
-    errors of `open_world`.
+    source: files, a `World`, or a client. rebuild: makes it again, where a function built it.
+    requests: of the pairs, one or more; their speeds choose the constant e nearest to `goal`.
+    Raises UserError for a live client, and for a part that would need two restitutions; also what
+    opening raises.
     """
     world, build = _loaded(source, rebuild, requests[0].packages)
     if build is None:
