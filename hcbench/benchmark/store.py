@@ -601,7 +601,7 @@ def _are_starts(starts: Any, parts: Any) -> bool:
 def _difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
     """Name the first difference between two sweeps, for an error; None if they are equal.
 
-    there, here: descriptions, as JSON has them: of the folder, and of the plan.
+    there, here: descriptions, plain values of JSON: of the folder, and of the plan.
     """
     old = there["versions"]
     new = here["versions"]

@@ -13,10 +13,9 @@ from hcbench.benchmark.results import CONDITIONS, RUN_KEY, Results
 from hcbench.checking.outcome import Outcome, Report, Verdict, judge_landings, judge_touchdowns
 from hcbench.laws.restitution import Reading, Restitution
 from hcbench.measuring.curve import Curve, CurvePoint, curve_of, curve_of_columns, worst_of
-from hcbench.measuring.landing import land_job, unresolved
+from hcbench.measuring.landing import land_job, touchdowns_job, unresolved
 from hcbench.measuring.measure import Job, measure_job
 from hcbench.measuring.measurement import TOLERANCE, Measurement
-from hcbench.measuring.trajectory import touchdowns_job
 from hcbench.system.errors import HcbenchError, UserError
 from hcbench.system.text import sanitized, time_step
 from hcbench.terms.impact import Impact, Launch, Status

@@ -207,14 +207,14 @@ def _measure_trajectory(job: Job, trajectory: Path, limit: float | None, as_json
 
     limit: s, after which the worker counts as hung. Raises what `touchdowns_job` raises.
     """
-    from hcbench.measuring.trajectory import as_record, as_text, touchdowns_job
+    from hcbench.measuring.landing import touchdowns_job, touchdowns_record, touchdowns_text
 
     with status("reading the motion"):
         motion = touchdowns_job(job, trajectory, limit)
     if as_json:
-        print_json(as_record(motion))
+        print_json(touchdowns_record(motion))
     else:
-        show(as_text(motion).rstrip())
+        show(touchdowns_text(motion).rstrip())
 
 
 def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
@@ -307,12 +307,12 @@ def check(
     MODELS are a model, a study, or a TOML file with a [tool.hcbench] table.
     Exit 0 within limits, 1 a limit exceeded, 2 a mistake, 3 could not run.
     """
-    from hcbench.checking.command import Outputs, check
+    from hcbench.checking.command import Outputs, run_spec
     from hcbench.checking.text import as_record_of, as_text
 
     outputs = Outputs(junit, markdown, png, write_baseline, force)
     with progress("checks") as tick:
-        report = check(_spec(models, python, options), outputs, jobs, tick, measure_only)
+        report = run_spec(_spec(models, python, options), outputs, jobs, tick, measure_only)
     if as_json:
         print_json(as_record_of(report))
     else:
