@@ -164,7 +164,7 @@ def _print(drawn: RandomWorlds) -> None:
 
 
 def _p(chance: float) -> str:
-    """The test's result as words; "" where one number was drawn for all worlds."""
+    """The result of the test as words; "" where one number was drawn for all worlds."""
     if math.isnan(chance):
         return ""
     return f", uniform (Kolmogorov-Smirnov p = {chance:.2g})"

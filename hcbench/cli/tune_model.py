@@ -335,7 +335,7 @@ def print_landing(tuned: TunedModel, change: LandingChange) -> None:
 
 
 def landing_table(change: LandingChange) -> list[str]:
-    """The robot's landing before and after, a line each; the worst of all drops, but the rebound."""
+    """The landing before and after, a line each; the worst of all drops, but the rebound."""
     from hcbench.sim.landing import QUANTITIES
 
     was = change.before

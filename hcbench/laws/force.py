@@ -21,7 +21,7 @@ from hcbench.terms.impact import Floats
 
 
 def _real(slot: str, values: Floats | float) -> Floats:
-    """The values as an array, NumPy's own as they are.
+    """The values as an array; an array of NumPy as it is.
 
     slot: name of the argument. Raises UserError in its name for what is not real numbers.
 

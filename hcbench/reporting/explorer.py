@@ -101,7 +101,7 @@ def explorer(by_gravity: Views) -> Explorer | None:
 
 
 def _sentences_once(data: Mapping[str, Any]) -> dict[str, Any]:
-    """The explorer's data with each sentence of its answers stored once, under `sentences`.
+    """The data of the explorer with each sentence of its answers stored once, under `sentences`.
 
     In place of its sentences, `more`, a choice has their numbers there: an answer's choices share
     most of them, and the page stays small.

@@ -125,8 +125,8 @@ def curve_picture(result: FitResult, suffix: str) -> bytes:
 
 
 def _residual_figure(result: FitResult) -> Figure:
-    """The likeliest difference of each impact's e from the law, in per cent, and what is then left
-    of each reading, over its noise; a band of two standard deviations on either.
+    """Two panels: the likeliest difference of the e of each impact from the law, in per cent, and
+    what is then left of each reading, over its noise. On either, a band of two standard deviations.
     """
     figure = new_figure(6.4, 3.4)
     upper, lower = figure.subplots(2, 1)

@@ -245,7 +245,7 @@ def header_html(header: Header) -> str:
 
 
 def _templates() -> Environment:
-    """The package's templates, with the filters that they use."""
+    """The templates of the package, with the filters that they use."""
     environment = Environment(
         loader=PackageLoader("hcbench.reporting"),
         autoescape=True,

@@ -177,7 +177,7 @@ class _DropBench:
         self.up = -gravity / self.g
 
     def motion(self) -> _Motion:
-        """The present motion of the robot's links and base."""
+        """The present motion of the base and all links."""
         bullet = self.bullet
         centre, _ = bullet.getBasePositionAndOrientation(self.robot)
         velocity, spin = bullet.getBaseVelocity(self.robot)
