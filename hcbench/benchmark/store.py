@@ -345,7 +345,8 @@ class Store:
             raise unwritable("folder", self.where, error, expected, self._advice) from None
 
     def description(self) -> dict[str, Any] | None:
-        """Read the description of the sweep; None for a folder without one.
+        """Read the description of the sweep, as a dict of JSON values; None for a folder without
+        one.
 
         Its keys are those of `Plan.described`. Raises UserError for a file of another schema, or
         that is not what a sweep wrote; OutputError where it cannot be read.

@@ -81,7 +81,11 @@ def wrap_stdio() -> None:
 
 
 def _wrap(stream: Any, required: bool) -> Any:
-    """The same stream, checked, and with a way to write α where the terminal has none."""
+    """The same stream, checked, and with a way to write α where the terminal has none.
+
+    stream: standard output or error; one that is no TextIOWrapper is returned as it is. required:
+    whether a failed write to it is an error.
+    """
     if not isinstance(stream, io.TextIOWrapper):
         return stream
     encoding, lines, through = stream.encoding, stream.line_buffering, stream.write_through

@@ -107,7 +107,7 @@ def _record(name: str, about: dict[str, Any]) -> dict[str, Any]:
     """A row of the list of engines, by the keys of `--json`; keys that do not apply have empty
     values.
 
-    about: those that apply, by key.
+    name: of the engine. about: values of the keys that apply.
     """
     known: dict[str, Any]
     known = {
@@ -128,8 +128,10 @@ def _settings(name: str) -> dict[str, str]:
 
 
 def _beside(name: str) -> dict[str, Any]:
-    """Facts of the engine of this Python, by the keys of `--json`: version and place, or how to
-    install it.
+    """Facts of the engine of this Python, by the keys of `--json`: version, Python, size and place,
+    or how to install it where it is not there.
+
+    name: of the engine.
     """
     import platform
 

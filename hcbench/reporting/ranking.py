@@ -224,8 +224,10 @@ def tie(view: View) -> float:
 
 
 def error_ratio(view: View, run: RunKey) -> float:
-    """`over_constant` of the main α under gravity, else of the worst α; the number by which runs
-    are ranked. inf for a run that gained energy, lost impacts or has no score.
+    """The number by which runs are ranked, the least first: the error against the law over that of
+    the best constant e, see `over_constant`. Under gravity of the main α, else of the worst α.
+
+    inf for a run that gained energy, lost impacts or has no score.
     """
     if any(score["failed"] or score["energy_gained"] for score in _judged(view, run)):
         return math.inf

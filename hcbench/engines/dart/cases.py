@@ -23,7 +23,9 @@ class DartBodies:
     def make(self, world: dict[str, Any]) -> None:
         """Build a world with its bodies at their start, and a slab for the floor.
 
-        world: a case in SI units, see `hcbench_cases`; lengths are multiplied by `length` for DART.
+        world: in SI units: timestep, gravity, friction, restitution (or materials: e of the bodies
+        and of the floor), bodies, and floor, true or false. Lengths are multiplied by `length` for
+        DART.
         """
         self.world = dart.simulation.World()
         self.world.setTimeStep(world["timestep"])
@@ -48,7 +50,7 @@ class DartBodies:
     def _body(self, name: str, body: dict[str, Any]) -> tuple[Any, Any]:
         """(body node, its skeleton), welded to the world or on a free joint at its start.
 
-        body: of a case, SI: position, velocity, spin, mass, or fixed.
+        name: of the skeleton. body: of a case, SI: position, velocity, spin, mass, or fixed.
         """
         skeleton = dart.dynamics.Skeleton(name)
         at = np.array(body["position"]) * self.length

@@ -21,8 +21,8 @@ class DrakeBodies:
     def make(self, world: dict[str, Any]) -> None:
         """Build a discrete plant, its bodies at their start.
 
-        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError for a
-        restitution other than 0 and for meshes.
+        world: in SI units: timestep, gravity, friction, restitution, bodies, and floor, true or
+        false. Raises NotImplementedError for a restitution other than 0, and for meshes.
         """
         if world.get("restitution") != 0.0:
             raise NotImplementedError("has no restitution: its loss depends on the speed")

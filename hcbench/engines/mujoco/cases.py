@@ -36,8 +36,9 @@ class MujocoBodies:
     def make(self, world: dict[str, Any]) -> None:
         """Compile a model, its bodies at their start, with a <pair> of every two that can meet.
 
-        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError for
-        restitutions of materials, and what `contact` raises.
+        world: in SI units: timestep, gravity, friction, restitution, bodies, and floor, true or
+        false. Raises NotImplementedError for `materials`, restitutions of a material each, and in
+        the stock setting for an e above 0.
         """
         if "materials" in world:
             raise NotImplementedError("has no restitution of a material")

@@ -42,9 +42,11 @@ class NewtonBodies:
             self.solver.register_custom_attributes(self.builder)
 
     def make(self, world: dict[str, Any]) -> None:
-        """Add a world, see `hcbench_cases`, to those that `start` will step.
+        """Add a world to those that `start` will step.
 
-        Raises NotImplementedError for an e above 0 under a solver without restitution.
+        world: in SI units: timestep, gravity, friction, restitution (or materials: e of the bodies
+        and of the floor), bodies, and floor, true or false. Raises NotImplementedError for an e
+        above 0 under a solver without restitution.
         """
         self.h, builder = world["timestep"], self.builder
         e, floor = world.get("materials", [world.get("restitution")] * 2)
@@ -74,7 +76,10 @@ class NewtonBodies:
         builder.end_world()
 
     def _gains(self, world: dict[str, Any]) -> dict[str, float]:
-        """Stiffness and dampings of a contact, N/m and N s/m; empty for those of Newton."""
+        """Stiffness and dampings of a contact, N/m and N s/m; empty for those of Newton.
+
+        world: of a case. They are scaled so that they suit its lightest body, in steps of `self.h`.
+        """
         if self.name not in self.gains:
             return {}
         moving = [body for body in world["bodies"] if not body.get("fixed")]
@@ -84,7 +89,11 @@ class NewtonBodies:
         return {"ke": stiffness * stops / self.h, "kd": damping * stops, "kf": 0.5 * stops}
 
     def _shape(self, i: int, at: Any, body: dict[str, Any], cfg: Any) -> None:
-        """Add the shape of a body, by its number, to the world that has begun."""
+        """Add the shape of a body to the world that has begun.
+
+        i: number of Newton's body, -1 for the world itself. at: its place in the body, x y z and
+        quaternion. body: of the case, SI. cfg: Newton's ShapeConfig, whose density is set here.
+        """
         size = body.get("half", [body.get("radius")] * 3)
         if body["shape"] == "mesh":
             size = np.max(body["vertices"], axis=0)
@@ -99,7 +108,11 @@ class NewtonBodies:
             self.builder.add_shape(body=i, type=kind, xform=at, scale=size, cfg=cfg)
 
     def _damper(self, pair: tuple[int, int], e: float, mu: float) -> None:
-        """Add a <pair> of two shapes, with the numbers of MuJoCo's adapter, which has the reasons."""
+        """Add a <pair> of two shapes to Newton's MuJoCo solver; MuJoCo's adapter gives the reasons
+        for its numbers.
+
+        pair: numbers of the two shapes. e: restitution. mu: friction; 0 for a contact without.
+        """
         share = 1e-4 if e and mu else 0.9999
         values: dict[str, Any] = {"geom1": pair[0], "geom2": pair[1], "condim": 3 if mu else 1}
         values |= {

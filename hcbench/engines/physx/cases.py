@@ -31,7 +31,8 @@ class PhysxBodies:
     def make(self, world: dict[str, Any]) -> None:
         """Build a scene of PhysX, its bodies at their start.
 
-        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError for a mesh.
+        world: in SI units: timestep, gravity, friction, restitution (or materials: e of the bodies
+        and of the floor), bodies, and floor, true or false. Raises NotImplementedError for a mesh.
         """
         self.configure(world["gravity"])
         self.system = sapien.physx.PhysxCpuSystem()

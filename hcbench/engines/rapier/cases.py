@@ -26,8 +26,9 @@ class RapierBodies:
     def make(self, world: dict[str, Any]) -> None:
         """Build a world of Rapier, its bodies at their start.
 
-        world: a case in SI units, see `hcbench_cases`. Rapier averages the restitutions of
-        two colliders, and their frictions.
+        world: in SI units: timestep, gravity, friction, restitution (or materials: e of the bodies
+        and of the floor), bodies, and floor, true or false. Rapier averages the restitutions of two
+        colliders, and their frictions.
         """
         self.world = rapier.PhysicsWorld(gravity=world["gravity"])
         self.world.integration_parameters.dt = world["timestep"]
@@ -61,7 +62,7 @@ class RapierBodies:
     def _insert(self, collider: Any, e: float, friction: float, handle: Any = None) -> None:
         """Add a collider to the world with its restitution and friction.
 
-        handle: of its body; None for one that is fixed in the world.
+        e: restitution. handle: of its body; None for one that is fixed in the world.
         """
         colliders = self.world.colliders
         if handle is None:

@@ -92,7 +92,7 @@ class FieldView:
 
     @property
     def _of_main(self) -> list[tuple[Key, Folded]]:
-        """Keys and impacts of the α that the page is about."""
+        """(key of a run, its impacts as `Folded`) of the α that the page is about, of all runs."""
         place = RUN_KEY.index("alpha_s_per_m")
         of_main = []
         for key, one in self.results.table.folded.items():
@@ -174,8 +174,8 @@ class FieldView:
     def best(self, engine: str, gravity: float, timestep: float, *kinds: str) -> Case | None:
         """The setting nearest to the law that loses no impact and gains no energy; None for none.
 
-        engine, gravity (m/s²), timestep (s), kinds: as of `cases`. One that bounces over the whole
-        band is before any that stays down somewhere.
+        engine: its name. gravity: m/s². timestep: s. kinds: of settings, such as PLUGIN; OWN
+        without any. One that bounces over the whole band is before any that stays down somewhere.
         """
         cases = [
             c for c in self.cases(engine, gravity, timestep, *kinds) if math.isfinite(self.error(c))

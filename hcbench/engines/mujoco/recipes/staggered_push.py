@@ -201,8 +201,9 @@ def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGues
     """Rows to start a fit from: dampers that add up to the law's damping on the way in, with
     springs that let them act on the way out, and more springs that make up the rest.
 
-    knots: where those more springs start, m; they come first in the rows.
-    guess: how many dampers, and their impedances.
+    samples: of the law's force, to which the springs are fitted last. band: of depths that the rows
+    serve. knots: where those more springs start, m; they come first in the rows. guess: how many
+    dampers, and their impedances.
     """
     law = band.law
     low = band.low

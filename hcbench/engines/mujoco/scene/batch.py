@@ -64,8 +64,10 @@ def stays_on_axis(mujoco: Any, model: Any) -> bool:
 
 
 def _solves_well(mujoco: Any, model: Any) -> bool:
-    """Say whether the solver may iterate until it converges: stopped early,
-    it moves a free ball otherwise.
+    """Say whether the solver may iterate until it converges: at least as often, and to as small a
+    tolerance, as MuJoCo does by default. Stopped early, it moves a free ball otherwise.
+
+    mujoco: the module. model: MjModel.
     """
     option = model.opt
     usual = mujoco.MjOption()
@@ -115,7 +117,10 @@ def collidable_pairs(model: Any, moving: NDArray[np.bool_]) -> list[tuple[int, i
 
 
 def _touches_below(mujoco: Any, model: Any) -> bool:
-    """Say whether all that the ball can touch are fixed horizontal planes, without friction."""
+    """Say whether all that the ball can touch are fixed horizontal planes, without friction.
+
+    mujoco: the module. model: MjModel.
+    """
     return all(
         dim == 1
         and model.geom_type[other] == mujoco.mjtGeom.mjGEOM_PLANE
@@ -126,7 +131,10 @@ def _touches_below(mujoco: Any, model: Any) -> bool:
 
 
 def _pulls_along(mujoco: Any, model: Any) -> bool:
-    """Say whether all tendons hold the ball, and run along the axis: between sites on it."""
+    """Say whether all tendons hold the ball, and run along the axis: between sites on it.
+
+    mujoco: the module. model: MjModel, whose first joint is the ball's.
+    """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     sites = model.wrap_objid[model.wrap_type == mujoco.mjtWrap.mjWRAP_SITE]

@@ -154,10 +154,10 @@ def add(
 
 
 def _reduced_mass(bullet: BulletClient, sides: Iterable[tuple[int, int]]) -> float:
-    """1/(1/m1 + 1/m2) of two (body, link), kg; at least one of them can move.
+    """1/(1/m1 + 1/m2) of the two sides of a pair, kg; at least one of them can move.
 
-    A body that cannot move has a mass of 0 in Bullet. "Any" link stands for the base, and where
-    that is fixed for the lightest link that moves.
+    sides: (body, link) of the two. A body that cannot move has a mass of 0 in Bullet. "Any" link,
+    -2, stands for the base, and where that is fixed for the lightest link that moves.
     """
     mobility = 0.0
     for body, link in sides:
