@@ -385,7 +385,8 @@ class ImpactTable:
         folded: in the study's order.
         read: rows of some keys in that order, in pieces.
         """
-        self.folded, self._read = folded, read
+        self.folded = folded
+        self._read = read
 
     @classmethod
     def of(cls, rows: pd.DataFrame, study: Mapping[str, Any]) -> ImpactTable:

@@ -400,7 +400,8 @@ def _width(client: Any, address: str) -> Callable[[], int]:
         if now - counted >= _COUNT_S:
             # Without an answer Dask connects again, or gives up and closes the client.
             with suppress(OSError):
-                threads, counted = sum(client.ncores().values()), now
+                threads = sum(client.ncores().values())
+                counted = now
         # A worker that was lost may come back: for a while one task counts.
         if threads:
             seen = now

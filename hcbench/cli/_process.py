@@ -23,7 +23,8 @@ from hcbench.system.files import SIGNALS
 # Signals within this time count as one, s.
 _REPEAT_S = 1.0
 # Windows has no SIGALRM. The time until the signal comes again is in s.
-_AGAIN, _AGAIN_S = getattr(signal, "SIGALRM", None), 0.02
+_AGAIN = getattr(signal, "SIGALRM", None)
+_AGAIN_S = 0.02
 # An interrupt waits so long at most for the end of an import, s.
 _DEFERRED_S = 0.5
 # Slots that belong to options of another name.
@@ -88,7 +89,9 @@ def _wrap(stream: Any, required: bool) -> Any:
     """
     if not isinstance(stream, io.TextIOWrapper):
         return stream
-    encoding, lines, through = stream.encoding, stream.line_buffering, stream.write_through
+    encoding = stream.encoding
+    lines = stream.line_buffering
+    through = stream.write_through
     wrapped = _Stream(stream.detach(), encoding, "backslashreplace", None, lines, through)
     wrapped.required = required
     return wrapped
@@ -131,7 +134,8 @@ class _Interrupts:
             if now - before < _REPEAT_S:
                 # One press may come as several signals while what is running is being ended.
                 return
-            self.came, self._begin = True, now
+            self.came = True
+            self._begin = now
         if _AGAIN is not None and now - self._begin < _DEFERRED_S and _is_importing(frame):
             signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
         else:

@@ -45,7 +45,8 @@ class _FilesAfterAgainst(Command):
         args: words after "fit". Returns those that are left.
         """
         ctx.meta[_TYPED] = ("fit", *args)
-        spread, after = [], False
+        spread = []
+        after = False
         for one in args:
             if one == "--against":
                 after = True

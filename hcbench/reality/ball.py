@@ -29,7 +29,8 @@ PARTS = 3
 FIXED = {"friction": 0.266}
 TIMESTEP = 2e-3
 DURATION = 0.06  # s
-RADIUS, MASS = 0.02, 0.0027  # m, kg
+RADIUS = 0.02  # m
+MASS = 0.0027  # kg
 # A thin shell.
 INERTIA = 2.0 / 3.0 * MASS * RADIUS**2
 FILE = "data/trajectories/trajectories.zip"

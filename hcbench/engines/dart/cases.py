@@ -15,7 +15,9 @@ import numpy as np
 class DartBodies:
     """With the best settings that are known."""
 
-    name, version, combine = "dart", version("dartpy"), "product"
+    name = "dart"
+    version = version("dartpy")
+    combine = "product"
     # DART's lengths in a metre. It bounces nothing while e v is below 0.1 of them a second, and
     # nothing faster than 100 of them a second.
     length = 20.0

@@ -16,7 +16,9 @@ logging.getLogger("drake").setLevel(logging.ERROR)
 class DrakeBodies:
     """With the best settings that are known."""
 
-    name, version, combine = "drake", version("drake"), None
+    name = "drake"
+    version = version("drake")
+    combine = None
 
     def make(self, world: dict[str, Any]) -> None:
         """Build a discrete plant, its bodies at their start.
@@ -53,14 +55,16 @@ class DrakeBodies:
         friction: Drake's CoulombFriction of all of them.
         """
         # Drake's default dissipation, s/m, and a point stiffness, N/m.
-        dissipation, stiffness = 50.0, 1e7
+        dissipation = 50.0
+        stiffness = 1e7
         self.properties = drake.ProximityProperties()
         drake.AddContactMaterial(dissipation, stiffness, friction, self.properties)
         self.rigid = drake.ProximityProperties(self.properties)
         drake.AddRigidHydroelasticProperties(1.0, self.rigid)
         self.patch = drake.ProximityProperties(self.properties)
         # Length of the elements of a body's pressure field, m, and its modulus, Pa.
-        resolution, modulus = 0.1, 1e8
+        resolution = 0.1
+        modulus = 1e8
         drake.AddCompliantHydroelasticProperties(resolution, modulus, self.patch)
 
     def _body(self, plant: Any, name: str, body: dict[str, Any]) -> Any:

@@ -20,7 +20,9 @@ FLOOR_RADIUS = 100.0
 class ExudynBodies:
     """With the best settings that are known."""
 
-    name, version, combine = "exudyn", exudyn.__version__, None
+    name = "exudyn"
+    version = exudyn.__version__
+    combine = None
 
     def make(self, world: dict[str, Any]) -> None:
         """Build a system of mass points at their start, with a contact of every two and of each
@@ -34,7 +36,8 @@ class ExudynBodies:
         self.mbs = exudyn.SystemContainer().AddSystem()
         bodies = world["bodies"]
         self.spins = [body["spin"] for body in bodies]
-        self.nodes, balls = [], []
+        self.nodes = []
+        balls = []
         for body in bodies:
             start = {"initialVelocities": body["velocity"]}
             node = self.mbs.AddNode(items.NodePoint(referenceCoordinates=body["position"], **start))

@@ -74,7 +74,8 @@ class MjxWorlds:
         self.ahead += 1
 
     def state(self) -> list[Any]:
-        self.now, self.ahead = self.steps(self.models, self.now, self.ahead), 0
+        self.now = self.steps(self.models, self.now, self.ahead)
+        self.ahead = 0
         return [
             self._state(*each)
             for each in zip(self.worlds, self.now.qpos, self.now.qvel, strict=True)

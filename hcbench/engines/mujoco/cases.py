@@ -11,7 +11,9 @@ import mujoco
 class MujocoBodies:
     """With the best settings that are known."""
 
-    name, version, combine = "mujoco", mujoco.__version__, None
+    name = "mujoco"
+    version = mujoco.__version__
+    combine = None
     # With friction each row of a contact must act by itself, as one of low impedance does: else
     # the friction, which is solved with the normal force, changes the restitution.
     impedance_beside_friction = 1e-4

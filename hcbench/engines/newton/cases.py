@@ -27,7 +27,9 @@ class NewtonBodies:
         self, solver: str, combine: str | None, options: dict[str, Any], suffix: str = ""
     ) -> None:
         """Choose a solver, how it joins two restitutions, its options, and what its name ends with."""
-        self.name, self.combine, self.options = f"newton-{solver.lower()}{suffix}", combine, options
+        self.name = f"newton-{solver.lower()}{suffix}"
+        self.combine = combine
+        self.options = options
         self.solver = getattr(newton.solvers, f"Solver{solver}")
         # The damper's numbers are those of pairs, which MuJoCo's own finder of contacts has.
         self.has_pairs = self.name == "newton-mujoco"
@@ -48,7 +50,8 @@ class NewtonBodies:
         and of the floor), bodies, and floor, true or false. Raises NotImplementedError for an e
         above 0 under a solver without restitution.
         """
-        self.h, builder = world["timestep"], self.builder
+        self.h = world["timestep"]
+        builder = self.builder
         e, floor = world.get("materials", [world.get("restitution")] * 2)
         if self.combine is None and ((e and not self.has_pairs) or "materials" in world):
             raise NotImplementedError("has no restitution")
@@ -62,10 +65,8 @@ class NewtonBodies:
         for body in world["bodies"]:
             i, at = -1, (*body["position"], 0, 0, 0, 1)
             if not body.get("fixed"):
-                i, at = (
-                    builder.add_body(xform=at, custom_attributes=self.of_body),
-                    (0.0,) * 6 + (1.0,),
-                )
+                i = builder.add_body(xform=at, custom_attributes=self.of_body)
+                at = (0.0,) * 6 + (1.0,)
                 builder.joint_qd[-6:] = [*body["velocity"], *body["spin"]]
             self._shape(i, at, body, builder.ShapeConfig(restitution=e, **common))
         if world["floor"]:

@@ -14,7 +14,9 @@ import pybullet
 class PybulletBodies:
     """With the best settings that are known."""
 
-    name, version, combine = "pybullet", version("pybullet"), "product"
+    name = "pybullet"
+    version = version("pybullet")
+    combine = "product"
 
     def __init__(self) -> None:
         self.client = pybullet.connect(pybullet.DIRECT)

@@ -11,7 +11,9 @@ import rapier3d as rapier
 class RapierBodies:
     """With the best settings that are known."""
 
-    name, version, combine = "rapier", version("rapier3d"), "average"
+    name = "rapier"
+    version = version("rapier3d")
+    combine = "average"
 
     def set_world(self) -> None:
         """Choose parameters of the solver."""
@@ -71,7 +73,8 @@ class RapierBodies:
             made = colliders[
                 colliders.insert_with_parent(collider, handle, self.world.rigid_bodies)
             ]
-        made.restitution, made.friction = e, friction
+        made.restitution = e
+        made.friction = friction
 
     def step(self) -> None:
         self.world.step()

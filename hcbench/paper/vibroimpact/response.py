@@ -184,7 +184,8 @@ class _CycleRecorder:
         self.highest[rows] = np.maximum(self.highest[rows], y[0])
         self.lowest[rows] = np.minimum(self.lowest[rows], y[0])
         self.touches[rows] += ((before == APART) & (after != APART)).any(axis=0)
-        ends, y = rows[arrived], y[:, arrived]
+        ends = rows[arrived]
+        y = y[:, arrived]
         late = self.column[ends] >= 0
         which = ends[late]
         column = self.column[ends][late]

@@ -111,7 +111,7 @@ class _Drops:
         """States of drops that fall from these heights, m."""
         at_rest = np.zeros(len(heights))
         states = self._states(-heights, at_rest, self._kept(-heights, at_rest))
-        states[:2], _ = self._flown(*states[:2])
+        states[0], states[1], _ = self._flown(states[0], states[1])
         return states
 
     def _states(self, x: Floats, v: Floats, speed_in: Floats) -> Floats:

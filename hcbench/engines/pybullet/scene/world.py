@@ -284,7 +284,8 @@ class PybulletSimulation(Simulation):
         self._reads_position = count == 1
         self._oblique = oblique
         self._which = list(range(count))
-        self._position, self._motion = self._positions(), self._motions()
+        self._position = self._positions()
+        self._motion = self._motions()
 
     def advance(self, steps: int) -> Record:
         """Take `steps` steps of all balls, and return their record.
