@@ -377,7 +377,7 @@ def _require_device(device: str, name: str) -> None:
     """Raises UserError for an engine that cannot compute on a device, CannotRun where this machine
     lacks the device.
 
-    device: as `Engine.devices` names it. name: of the engine.
+    device: such as "gpu". name: of the engine.
     """
     engine = registry.engine(name)
     if device not in engine.devices:

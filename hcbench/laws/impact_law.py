@@ -140,10 +140,9 @@ def read_adams(given: Adams, slot: str = "adams") -> AdamsImpact:
 def read_newton(given: Newton, slot: str = "newton") -> NewtonSpring:
     """The contact of Newton from "SOLVER, ke, kd"; one that was read is returned as it is.
 
-    ke and kd: as in `NewtonSpring`, 1/s² and 1/s for a solver that reads them per mass, else N/m
-    and N s/m. slot: name of the option in errors.
-    Raises UserError for text of other parts, for an unknown solver, and for numbers without
-    meaning.
+    ke and kd: 1/s² and 1/s for a solver that reads them per mass, else N/m and N s/m. slot: name of
+    the option in errors. Raises UserError for text of other parts, for an unknown solver, and for
+    numbers without meaning.
     """
     if isinstance(given, NewtonSpring):
         return given

@@ -178,7 +178,12 @@ def measure(
 
 
 def measure_job(job: Job, limit: float | None = None) -> Measurement:
-    """Measure one pair, in a worker for a model in a file. limit, errors: of `run_job`."""
+    """Measure one pair, in a worker for a model in a file.
+
+    limit: s of the clock, after which the worker counts as hung; None: LIMIT_S of processor time,
+    or the engine's own where that is longer. Raises EngineFailed where the worker died or hung;
+    UserError and SceneError for a model that does not open or a pair that cannot be measured.
+    """
     return run_job(_measured, job, limit)
 
 

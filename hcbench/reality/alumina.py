@@ -89,7 +89,7 @@ def outcome(
 def rigid(bounces: MeasuredBounces, e: float, friction: float) -> SettingErrors:
     """Errors of a rigid ball with a constant e and Coulomb's friction.
 
-    bounces: of `cases`, without spin and with z up.
+    bounces: velocities at the touch, m/s, with z up, without spin. friction: μ.
     """
     # Impulses over the mass, m/s: of the normal force, and of friction, which slides, or stops the
     # slip, at 2/7 of it for a solid ball.

@@ -186,9 +186,8 @@ _OTHER_SIZE = 2.0
 class RunVerdict:
     """Verdict on one run, in words.
 
-    restitution: on its e. loop: on its force loops, see `loop_verdict`.
-    grade: "good", "even", "bad", for colour beside the words.
-    lacks: what keeps it from being used under gravity, see `lacks`.
+    restitution: on its e. loop: on its force loops. grade: "good", "even", "bad", for colour beside
+    the words. lacks: what keeps it from being used under gravity.
     """
 
     restitution: str

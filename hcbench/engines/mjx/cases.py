@@ -40,8 +40,9 @@ class MjxWorlds:
     def make(self, world: dict[str, Any]) -> None:
         """Build a model as MuJoCo's adapter does, and keep it for a step of all worlds at once.
 
-        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError as MuJoCo's
-        adapter does.
+        world: in SI units: timestep, gravity, friction, restitution, bodies, and floor, true or
+        false. Raises NotImplementedError for `materials`, restitutions of a material each, and in
+        the stock setting for an e above 0.
         """
         super().make(world)  # type: ignore[misc]
         # MJX has no elliptic cone without friction.

@@ -361,8 +361,8 @@ class MujocoEngine(
 
         source: a path, MJCF text or an MjSpec. requests: of the pairs. goal: e over speed. was: how
         the model stands as it is. rebuild: unused. version: of MuJoCo that has to load them; () for
-        any.
-        Errors come as they are tried: UserError and SceneError, as of `tune_model.model_settings`.
+        any. Raises, as they are tried, SceneError for a model that does not compile and UserError
+        where a pair cannot be measured or no <pair> keeps its e.
         """
         from hcbench.engines.mujoco.model.tune_model import model_settings
 
@@ -376,8 +376,9 @@ class MujocoEngine(
     ) -> Iterable[ContactFamily]:
         """Families of <pair> elements whose numbers differ from world to world.
 
-        source: a path, MJCF text or an MjSpec. requests: one a pair. rebuild: unused. Errors come
-        as they are made, as of `worlds.families`.
+        source: a path, MJCF text or an MjSpec. requests: one a pair. rebuild: unused. Raises, as
+        they are made, SceneError for a model that does not compile and UserError where a pair
+        cannot be measured or no <pair> keeps its e.
         """
         from hcbench.engines.mujoco.model.worlds import families
 

@@ -222,7 +222,9 @@ class _Bench:
     def _fall(self, data: Any, height: float, drive: Drive) -> _Fall:
         """Simulate a drop until WINDOW_S (s) after the first touch.
 
-        data: MjData at release, moved on. height, drive, errors: of `landing`.
+        data: MjData at release, moved on. height: of the lowest point over the floor at release, m.
+        drive: sets the controls before each step. Raises UserError where the robot meets nothing;
+        EngineFailed where MuJoCo finds the state unstable.
         """
         robot = self.over_floor
         jacobian = np.zeros((3, self.model.nv))
@@ -495,10 +497,11 @@ def _events(
     """Touchdowns of every two rigid parts, in the order of time, by the first two of their geoms
     that touched.
 
-    qpos (n, nq), qvel (n, nv), time (n,): of a recording, SI. kept: as in `_moving_first`.
-    The speeds are those of the state before, or of the first in contact, the faster of the two: a
-    contact slows, and free flight may speed up, within the time between two states. Parts that
-    touch in the first state have not come down.
+    qpos (n, nq), qvel (n, nv), time (n,): of a recording, SI. kept: two and two geoms whose
+    contacts count, the smaller number first; None: those of a part that moves with one that does
+    not. The speeds are those of the state before, or of the first in contact, the faster of the
+    two: a contact slows, and free flight may speed up, within the time between two states. Parts
+    that touch in the first state have not come down.
     """
     now = backend().MjData(model)
     before = backend().MjData(model)

@@ -217,7 +217,8 @@ def _followed(
 def force_and_depth(opened: OpenedModel, data: Any, sides: Sequence[int]) -> tuple[float, float]:
     """Force of the pair's contact, N, and penetration at its deepest point, m; 0 without one.
 
-    sides: of each geom, as a list: of a few contacts NumPy would take ten times as long.
+    data: MjData. sides: of each geom, as a list: 1 for the first part's, 2 for the second's, else
+    0. Of a few contacts NumPy would take ten times as long.
     """
     contacts = data.contact
     of_pair = [

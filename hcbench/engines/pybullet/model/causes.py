@@ -319,6 +319,8 @@ def _solver(c: BulletContext) -> Iterator[Suspect]:
 def _few_steps(c: BulletContext) -> Iterator[Suspect]:
     """Suspect restitutions above 1 together; else, of a contact with a stiffness, which takes the
     place of restitution, impacts that gain energy or last few steps.
+
+    c: the pair in its world, and the impacts to explain.
     """
     first, second = restitutions(c.bullet, c.place)
     if first * second > 1:

@@ -200,7 +200,11 @@ class PybulletModel(ModelUnderTest):
             raise
 
     def _placed(self) -> _Placed:
-        """The pair at touch, and what the world as it is now says of it; errors are the class's."""
+        """The pair at touch, and what the world as it is now says of it.
+
+        Raises UserError where the two cannot be brought to touch, SceneError and QuantityError for
+        numbers that no body has.
+        """
         request = self.request
         first, second = self._parts
         self.place = run_aside(
@@ -448,7 +452,12 @@ class _FixedInForks(PybulletModel):
     """
 
     def __init__(self, model: PybulletModel, fixes: Sequence[Suspect]) -> None:
-        """Bring the pair to touch with the fixes made; errors are those of `PybulletModel`."""
+        """Bring the pair to touch with the fixes made, in a forked copy of this process.
+
+        model: the model under test, whose own fixes are made, too. fixes: suspects. Raises
+        UserError where the two cannot be brought to touch, SceneError and QuantityError for numbers
+        that no body has, EngineFailed where PyBullet dies.
+        """
         # Its world, its request and its parts.
         self.__dict__.update(model.__dict__)
         self._fixes = [*getattr(model, "_fixes", ()), *fixes]

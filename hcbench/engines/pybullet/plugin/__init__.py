@@ -249,7 +249,7 @@ def find(
 def restitution_of(command: str) -> RestitutionCurve | None:
     """Restitution curve that a command which adds a law asks for; None for a law later than 1975.
 
-    command: as `command` writes it.
+    command: text of the plug-in's command, such as "restitution alpha=.3".
     """
     name, *parts = command.split()
     keys = dict(part.split("=", 1) for part in parts)
