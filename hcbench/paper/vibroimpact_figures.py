@@ -233,8 +233,7 @@ SETTLED = 12
 
 def _overlap(force: float) -> tuple[Figure, SimulatedMotion, VibroImpact]:
     """The two loops of a squeezed mass and their sum, over the last of SETTLED cycles of a drive at
-    the
-    resonance of the linearised mass: the figure, that cycle, and the system.
+    the resonance of the linearised mass: the figure, that cycle, and the system.
 
     force: amplitude of the drive, in the sketch's own units. Without touch or parting in the cycle,
     the ellipse of the linearised mass is drawn too.
@@ -281,7 +280,8 @@ def _ellipse(system: VibroImpact, run: SimulatedMotion, frequency: float) -> tup
 
 def figure_8() -> Figure:
     """Squeezed, with impacts: the two loops overlap and add up."""
-    return _overlap(1.6)[0]
+    figure, _, _ = _overlap(1.6)
+    return figure
 
 
 def figure_9() -> tuple[Figure, str]:

@@ -119,12 +119,12 @@ def _simulate(
     tolerance: float,
 ) -> Floats:
     """Simulate these systems and drives side by side: position, velocity, highest, lowest and
-    touches, see `Orbits`, shape (5, cases, keep).
+    touches of the last cycles, shape (5, cases, keep).
 
     cases: systems that differ in their gap alone, and the drive of each.
     cycles: periods of the drive that each runs; the last `keep` are kept.
     start: position (m) and velocity (m/s). tolerance: error of a step over the size of the motion.
-    Raises as `orbits`.
+    Raises UserError for a start without motion, EngineFailed where no step is short enough.
     """
     system, _ = cases[0]
     position, velocity = start.tolist()

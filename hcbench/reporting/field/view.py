@@ -77,7 +77,8 @@ class FieldView:
 
     def constant_error(self, timestep: float) -> float:
         """Error of the best constant e over the band of a step."""
-        return scoring.best_constant(self.alpha, self.speeds(timestep))[1]
+        _, error = scoring.best_constant(self.alpha, self.speeds(timestep))
+        return error
 
     @cached_property
     def scores(self) -> dict[Case, Mapping[str, Any]]:

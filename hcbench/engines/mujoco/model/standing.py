@@ -105,7 +105,8 @@ def rest_of_pair(opened: OpenedModel) -> Rest | None:
     else from the touch; None if nothing holds the two together, DIVERGED where the state is not
     finite.
     """
-    return laid_down(opened)[0]
+    rest, _ = laid_down(opened)
+    return rest
 
 
 def laid_down(opened: OpenedModel) -> tuple[Rest | None, Any]:
@@ -316,7 +317,8 @@ def _hop(opened: OpenedModel) -> float:
 
 def _force(opened: OpenedModel, data: Any) -> float:
     """Force of the pair's contact, N."""
-    return force_and_depth(opened, data, opened.place.pair.sides.tolist())[0]
+    force, _ = force_and_depth(opened, data, opened.place.pair.sides.tolist())
+    return force
 
 
 def _cost(opened: OpenedModel, data: Any) -> tuple[float, float]:

@@ -120,7 +120,8 @@ def _at_parting(push: Push, x: float, v: float, step: float) -> float:
             high = middle
         else:
             low = middle
-    return _step(push, x, v, high)[1]
+    _, leaves_at, _, _ = _step(push, x, v, high)
+    return leaves_at
 
 
 if TYPE_CHECKING:
@@ -301,7 +302,8 @@ def acceleration(
         d *= depth
         np.add(d, row.damping / dw * v, out=reference[i])
     may_pull = np.array([row.adhesion != 0.0 for row in rows]).reshape(-1, *[1] * np.ndim(x))
-    return combine(reference, weights, may_pull, 0, gravity)[0]
+    acceleration, _ = combine(reference, weights, may_pull, 0, gravity)
+    return acceleration
 
 
 def restitution(
@@ -356,7 +358,7 @@ class SoftConstraint:
 
     def stiffness_damping(self) -> tuple[float, float]:
         """(k, b), 1/s^2 and 1/s, of the push d (k d x + b v)."""
-        dw = self._solimp()[1]
+        _, dw, _, _, _ = self._solimp()
         first, second = self.solref
         if first > 0:
             constant = max(first, self.shortest)

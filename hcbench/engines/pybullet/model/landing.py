@@ -14,6 +14,7 @@ from hcbench.engines.pybullet.backend import (
     DISTANCE,
     FORCE,
     LINK_A,
+    MASS,
     NORMAL,
     POINT_A,
     can_fork,
@@ -150,7 +151,7 @@ class _DropBench:
         Raises UserError for a world without a free base, without a floor, or without gravity.
         """
         bullet = self.bullet = world.bullet
-        masses = {body: bullet.getDynamicsInfo(body, -1)[0] for body in bullet.bodies()}
+        masses = {body: bullet.getDynamicsInfo(body, -1)[MASS] for body in bullet.bodies()}
         free = [body for body, mass in masses.items() if mass > 0.0]
         self.floors = [body for body, mass in masses.items() if not mass > 0.0]
         if not free:
@@ -164,7 +165,7 @@ class _DropBench:
         self.links = list(range(bullet.getNumJoints(self.robot)))
         # Of the links, and of the base at the end.
         self.masses: Floats = np.array(
-            [bullet.getDynamicsInfo(self.robot, link)[0] for link in [*self.links, -1]]
+            [bullet.getDynamicsInfo(self.robot, link)[MASS] for link in [*self.links, -1]]
         )
         self.mass = float(self.masses.sum())
         parameters = bullet.getPhysicsEngineParameters()

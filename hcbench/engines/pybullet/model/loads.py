@@ -178,7 +178,7 @@ class _Resting:
         link = self.place.first.link
         normal = self.place.normal
         gravity = np.array(self.pair.gravity)
-        along = plate_frame(normal, None)[0]
+        along, _, _ = plate_frame(normal, None)
         down = math.cos(angle) * normal + math.sin(angle) * along
         bullet.setGravity(*(np.linalg.norm(gravity) * down).tolist())
         for _ in range(self.steps // 2):

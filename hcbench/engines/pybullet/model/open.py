@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient
+from hcbench.engines.pybullet.backend import LASTING_SETTINGS, MASS, BulletClient
 from hcbench.engines.pybullet.model.bodies import FIXED, JOINT_NAME, JOINT_TYPE, PRISMATIC, REVOLUTE
 from hcbench.sim.model_under_test import Request
 from hcbench.sim.packages import (
@@ -533,7 +533,7 @@ def _free_base(world: LoadedWorld, name: str) -> int | None:
     the heaviest.
     """
     bullet = world.bullet
-    masses = {body: bullet.getDynamicsInfo(body, -1)[0] for body in bullet.bodies()}
+    masses = {body: bullet.getDynamicsInfo(body, -1)[MASS] for body in bullet.bodies()}
     free = [body for body, mass in masses.items() if mass > 0.0]
     for body in free:
         stem, _, _ = world.files.get(body, "").partition(".")

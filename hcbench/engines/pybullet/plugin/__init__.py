@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from hcbench.engines.pybullet.backend import BulletClient
+from hcbench.engines.pybullet.backend import MASS, BulletClient
 from hcbench.engines.pybullet.model.bodies import LINK_NAME
 from hcbench.laws.contact_law import Friction, Law, is_force, require_law, require_resolved
 from hcbench.laws.published import TouchSpeedLaw
@@ -161,10 +161,10 @@ def _reduced_mass(bullet: BulletClient, sides: Iterable[tuple[int, int]]) -> flo
     """
     mobility = 0.0
     for body, link in sides:
-        mass = bullet.getDynamicsInfo(body, max(link, -1))[0]
+        mass = bullet.getDynamicsInfo(body, max(link, -1))[MASS]
         if link == _ANY_LINK and not mass > 0.0:
             links = range(bullet.getNumJoints(body))
-            masses = [bullet.getDynamicsInfo(body, each)[0] for each in links]
+            masses = [bullet.getDynamicsInfo(body, each)[MASS] for each in links]
             mass = min((each for each in masses if each > 0.0), default=0.0)
         if mass > 0.0:
             mobility += 1.0 / mass

@@ -51,7 +51,8 @@ class Context:
     @cached_property
     def written(self) -> SoftConstraint | None:
         """The contact as its author wrote it; None where different ones add up."""
-        return written_contact(self.place)[0]
+        contact, _ = written_contact(self.place)
+        return contact
 
     @cached_property
     def used(self) -> SoftConstraint | None:
