@@ -112,8 +112,9 @@ def run_in_pool(
     """Run a study in a pool of processes that has other work before or after; return its results,
     which read their rows from a temporary folder.
 
-    progress: called with (impacts done, impacts in all). Raises as `run_study`; the folder is then
-    removed.
+    progress: called with (impacts done, impacts in all). Raises UserError for what the study asks
+    wrongly or an engine refuses, EngineMissing, CannotRun where the workers fail, and OutputError
+    where the temporary folder cannot take the results; the folder is then removed.
     """
     from hcbench.benchmark.read import results_in
 
@@ -174,9 +175,10 @@ def sweep(
 def _workers(executor: Executor | None, scheduler: str | None, jobs: int) -> Iterator[Workers]:
     """The executor of a sweep: one that is given, a Dask cluster, or a pool of our own.
 
-    executor: stays open after the block; the cluster's client and our pool do not.
-    scheduler: address of a Dask scheduler. Raises CannotRun for it as `connected`.
-    jobs: processes of our pool, and tasks at once of an executor that does not tell its width.
+    executor: stays open after the block; the cluster's client and our pool do not. scheduler:
+    address of a Dask scheduler. jobs: processes of our pool, and tasks at once of an executor that
+    does not tell its width. Raises CannotRun where the cluster cannot be reached, has no worker, or
+    goes away.
     """
     if executor is not None:
         # Executors of the standard library have the number here, and in no public name.

@@ -439,7 +439,8 @@ class Store:
     def shards(self, count: int) -> dict[int, str]:
         """The names of all of `count` shards, by number.
 
-        Raises UserError where one is missing, and as `_shards`.
+        Raises UserError where one is missing or there twice, and for a table that is none of them;
+        OutputError where the folder cannot be read.
         """
         shards = self._shards(count)
         if len(shards) < count:

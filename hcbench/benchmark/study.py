@@ -234,8 +234,8 @@ class Study:
         return dataclasses.replace(self, runs=runs, missing=(*self.missing, *missing))
 
     def quick(self) -> Study:
-        """A preview of itself, which takes a fraction of its time.
-        left_out says what it is without. Raises StudyError as `preview`.
+        """A preview of itself, which takes a fraction of its time. left_out says what it is
+        without. Raises StudyError where no run is left.
         """
         return preview(self)
 
@@ -390,8 +390,8 @@ def _runs(
     """The runs of a [[run]] table: one, or with `default_band` one for each step, dropped over that
     step's own band of speeds.
 
-    where: name of the table in errors. folder: where the path of a scene starts.
-    Raises StudyError for keys that contradict one another, and SceneError as `_run`.
+    where: name of the table in errors. folder: where the path of a scene starts. Raises StudyError
+    for keys that contradict one another, and SceneError for a scene that cannot be read.
     """
     run = _run(table, where, file, scene, folder)
     if table.default_band is None:

@@ -69,8 +69,9 @@ def run_check(check: Check) -> Outcome:
 def _judge_limits(check: Check) -> Outcome:
     """Verdict on a robot's landings, or on its recorded motion, held to limits.
 
-    A step that does not resolve the landing fails, whatever the limits. Raises UserError and
-    EngineFailed as `land_job` and `touchdowns_job` do.
+    A step that does not resolve the landing fails, whatever the limits. Raises UserError for what
+    cannot be dropped and for a motion that cannot be read, EngineFailed where the worker died or
+    hung.
     """
     job = Job(check.source, check.engine, check.request, None, TOLERANCE, diagnose=False)
     if check.drops is not None:

@@ -205,7 +205,9 @@ def _typed_again(options: Any, names: Sequence[str]) -> str:
 def _measure_trajectory(job: Job, trajectory: Path, limit: float | None, as_json: bool) -> None:
     """Read the touchdowns of a recorded motion, a file, and print them.
 
-    limit: s, after which the worker counts as hung. Raises what `touchdowns_job` raises.
+    job: its model, engine and pair. limit: s, after which the worker counts as hung. Raises
+    UserError for other arrays, for an engine that reads no recordings and for a model that cannot
+    be opened; EngineFailed where the worker died or hung.
     """
     from hcbench.measuring.landing import touchdowns_job, touchdowns_record, touchdowns_text
 

@@ -356,13 +356,16 @@ class ImpactLaws(Drawn):
     def e(self, speed: Quantities) -> Floats:
         """Restitution at impact speeds, m/s or with a unit: a row for each α, shape (n, ...).
 
-        Raises QuantityError as `ImpactLaw.e` does.
+        Raises QuantityError if `speed` is not a speed of 0 m/s or more.
         """
         return np.array([law.e(speed) for law in self.laws])
 
     @checked
     def impacts(self, speeds: Quantities) -> list[ImpactSummary]:
-        """Everything about one impact for each α at each speed, SI. Raises as `ImpactLaw.impacts`."""
+        """Everything about one impact for each α at each speed, SI.
+
+        Raises QuantityError for a speed that is not above 0, UserError for an α v above 1000.
+        """
         return [impact for law in self.laws for impact in law.impacts(speeds)]
 
     @checked

@@ -400,7 +400,13 @@ def measure_trajectory(
 
 
 def touchdowns_job(job: Job, trajectory: Any, limit: float | None = None) -> TrajectoryTouchdowns:
-    """The touchdowns of one model."""
+    """The touchdowns of one model in a recorded motion; of a file in a worker.
+
+    trajectory: a file, or a mapping with qpos, qvel and time, s. limit: s, after which the worker
+    counts as hung; None: LIMIT_S of processor time, or the engine's own where that is longer.
+    Raises UserError for other arrays, for an engine that reads no recordings and for a model that
+    cannot be opened; EngineFailed where the worker died or hung.
+    """
     return run_job(partial(_touchdowns, _recorded_arrays(trajectory)), job, limit)
 
 

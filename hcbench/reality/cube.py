@@ -315,11 +315,12 @@ def poses(folder: Path | None = None) -> Iterator[tuple[int, Floats]]:
 
 
 def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> Tosses:
-    """Tosses with number % 5 in `parts` that have a flight long enough
-    to know their start, by number.
+    """Tosses with number % 5 in `parts` that have a flight long enough to know their start, by
+    number.
 
-    folder: of the original repository; None: the shipped tosses, without part 4.
-    variant: what of the data is left as published, one of VARIANTS. Raises UserError as `poses`.
+    folder: of the original repository; None: the shipped tosses, without part 4. variant: what of
+    the data is left as published, one of VARIANTS. Raises UserError for a folder of anything else,
+    and for a file that is not of a toss.
     """
     corrections = VARIANTS[variant]
     motions = []

@@ -154,8 +154,9 @@ def turn_base(data: Any, address: int, turn: Floats) -> None:
 def robot_in(model: Any, requests: Sequence[Request]) -> int:
     """Number of the root body of the robot of which each pair has one part.
 
-    model: compiled. requests: of the pairs; without names, the only pair that the model has.
-    Raises UserError where the robot has no actuators, and what `falling_root` raises.
+    model: compiled. requests: of the pairs; without names, the only pair that the model has. Raises
+    UserError where the robot has no actuators or cannot fall, where a pair is missing or unknown,
+    and where both or none of its parts move.
     """
     root = falling_root(model, requests)
     if not _is_driven(model, root):
