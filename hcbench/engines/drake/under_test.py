@@ -114,7 +114,12 @@ class DrakeModel(ModelUnderTest):
         return not all(map(self.loaded.is_hydroelastic, self.place.gap.geometries))
 
     def facts(self) -> Facts:
-        """Properties of the model and of its pair, as `measure` prints them."""
+        """Properties of the model and of its pair, SI, as `measure` prints them: the pair, its mass
+        and normal, Drake's settings, the e that these ask for, and notes.
+
+        The e is known where the contact is a point's, not a pressure field's. Other contacts are
+        those of the launches until now.
+        """
         config = self.loaded.config
         place = self.place
         stiffness, dissipation = self.pair_values()
@@ -413,7 +418,8 @@ def _in_order(loaded: LoadedPlant, both: frozenset[Any]) -> list[Part]:
 def _described(loaded: LoadedPlant, context: Any, first: Part, second: Part) -> CandidatePair:
     """A pair of single shapes as a row of the list, in the pose of `context`.
 
-    Mass, kg, and distance, m, are NaN where Drake does not know the distance.
+    context: Drake's, of the plant. first, second: parts of one geometry each. Mass, kg, and
+    distance, m, are NaN where Drake does not know the distance.
     """
     distance = math.nan
     mass = math.nan

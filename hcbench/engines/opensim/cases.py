@@ -20,7 +20,12 @@ class OpensimBodies:
     combine = None
 
     def make(self, world: dict[str, Any]) -> None:
-        """Build a model, its bodies at their start; NotImplementedError for what it has not."""
+        """Build a model, its bodies at their start.
+
+        world: in SI units: timestep, gravity, friction, restitution, bodies, and floor, true or
+        false. Raises NotImplementedError for any e but 0 and 1, for materials, for shapes other
+        than spheres and for fixed bodies.
+        """
         e = world.get("restitution")
         if e not in (0.0, 1.0):
             raise NotImplementedError("has no restitution: its loss depends on the speed")

@@ -169,6 +169,11 @@ class DropBench:
     ) -> None:
         """Add sensors to the model, let constant controls hold its pose, and find where each drop
         begins.
+
+        spec: of the whole model, copied. label: what to call it. requests: of pairs of the robot
+        with the floor; the first has the pose, step and gravity. root_of: finds the root body of
+        what is dropped; None: that of a robot with actuators. Raises UserError for what cannot be
+        dropped, EngineMissing for a MuJoCo without contact sensors.
         """
         require_feature(backend(), "contact sensors")
         request = requests[0]

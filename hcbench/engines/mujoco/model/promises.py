@@ -206,7 +206,8 @@ def _gravity(promise: Promise, gravity: float) -> Iterator[Suspect]:
 def _pairs(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iterator[Suspect]:
     """Yield how the <pair>s of two geoms differ from those that hcbench wrote.
 
-    Some missing or added, a margin or gap that makes one act from afar, another friction.
+    promise: of the two, what hcbench wrote. geoms: numbers of the two. Some missing or added, a
+    margin or gap that makes one act from afar, another friction.
     """
     joining = explicit_pairs(model, geoms)
     lost = promise.rows - len(joining)

@@ -137,8 +137,11 @@ class RowSearch:
         was: Standing,
         set_rows: Callable[[Any, Rows], None],
     ) -> None:
-        """Compile the model with sensors, and lay out the launches that each try takes; arguments
-        are those of the class.
+        """Compile the model with sensors, and lay out the launches that each try takes.
+
+        spec: MjSpec with rows in it, to which sensors are added. opened: the model under each
+        attitude. goal: e over speed. band: lowest and highest impact speed, m/s. was: the model at
+        rest before. set_rows: writes rows into the pairs of a compiled model.
         """
         sensor_of = _add_distance_sensors(spec, opened)
         self._opened = opened

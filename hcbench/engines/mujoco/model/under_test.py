@@ -69,7 +69,9 @@ class MujocoModel(OpenedModel, LendsSteps):
         return LentModel(self, engine)
 
     def facts(self) -> Facts:
-        """Properties of the model and of its pair, as `measure` prints them.
+        """Properties of the model and of its pair, SI, as `measure` prints them: the pair, its mass
+        and normal, MuJoCo's settings, the e that these ask for, notes, and what has changed since
+        `tune` wrote them.
 
         Warnings, other contacts and shares are those of the launches until now.
         """

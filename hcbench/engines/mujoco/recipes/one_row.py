@@ -154,12 +154,11 @@ def _way_out(work: Floats, damping: Floats, last: Whole, part: Floats) -> Floats
 
 @lru_cache(maxsize=64)
 def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
-    """Parameters (6,), in the order of _LOWEST, with the least largest error of e.
+    """Parameters of one row, (6,), in the order of _LOWEST, with the least largest error of e,
+    found by an evolution and by Nelder and Mead's method.
 
-    shares: speeds over the highest.
-    wanted: e at each.
-
-    Raises SearchInterrupted with the best so far.
+    shares: speeds over the highest, rising. wanted: e at each. Raises SearchInterrupted with the
+    best so far.
     """
     # SciPy's optimisation is slow to import.
     from scipy.optimize import Bounds, differential_evolution, minimize

@@ -126,8 +126,8 @@ def two_pair(target: Target, integrator: str = "Euler") -> dict[str, Any]:
 def two_pair_rows(target: Target) -> list[ConstraintRow]:
     """The spring and the damper, fitted to the target's e without gravity, from up to two starts.
 
-    Raises SettingError for a target without loss or without bounce, SearchInterrupted with the best
-    so far.
+    target: its α or curve, band of speeds, mass and step. Raises SettingError for a target without
+    loss or without bounce, SearchInterrupted with the best so far.
     """
     # SciPy's optimisation is slow to import.
     from scipy.optimize import least_squares

@@ -324,7 +324,10 @@ class PybulletModel(ModelUnderTest):
         )
 
     def facts(self) -> Facts:
-        """Properties of the world and of its pair, as `measure` prints them."""
+        """Properties of the world and of its pair, SI, as `measure` prints them: the pair, its mass
+        and normal, Bullet's settings, the e that these ask for, notes, and what has changed since
+        `tune` wrote them.
+        """
         of_pair = restitutions(self.bullet, self.place)
         told: list[float] | str = "not told"
         if not math.isnan(math.prod(of_pair)):
