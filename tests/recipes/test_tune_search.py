@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -115,7 +116,8 @@ def test_the_command_prints_what_a_search_has_found_when_it_is_interrupted(
 
         yield tick
 
-    monkeypatch.setattr("hcbench.cli.tune.progress", impatient)
+    # `hcbench.cli.tune` is the command, not its module.
+    monkeypatch.setattr(sys.modules["hcbench.cli.tune"], "progress", impatient)
     arguments = [
         "tune",
         "mujoco",
