@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hcbench.engines.pybullet import backend
+from hcbench.engines.pybullet.model import in_child as forked
 from hcbench.measuring import Measurement, measure
 from hcbench.workers import process
 
@@ -70,7 +70,7 @@ def test_a_crash_in_a_copy_of_the_process_is_reported() -> None:
     if not process.CAN_FORK:
         pytest.skip("this system does not fork")
     with pytest.raises(EngineFailed, match="SIGABRT"):
-        backend.run_forked(os.abort)
+        forked.run_forked(os.abort)
 
 
 def test_the_scatter_over_phases_is_found_where_four_phases_miss_it() -> None:

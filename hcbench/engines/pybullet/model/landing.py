@@ -17,8 +17,6 @@ from hcbench.engines.pybullet.backend import (
     MASS,
     NORMAL,
     POINT_A,
-    can_fork,
-    run_aside,
 )
 from hcbench.engines.pybullet.model.bodies import (
     FIXED,
@@ -26,6 +24,7 @@ from hcbench.engines.pybullet.model.bodies import (
     LINK_NAME,
     mass_and_volumes,
 )
+from hcbench.engines.pybullet.model.in_child import can_fork, run_aside
 from hcbench.engines.pybullet.model.open import set_pose
 from hcbench.sim.density import unit_notes
 from hcbench.sim.landing import (

@@ -17,7 +17,6 @@ from hcbench.engines.pybullet.backend import (
     POINT_A,
     POINT_B,
     BulletClient,
-    run_aside,
 )
 from hcbench.engines.pybullet.model.bodies import (
     FIXED,
@@ -36,6 +35,7 @@ from hcbench.engines.pybullet.model.bodies import (
     rotate,
     vector,
 )
+from hcbench.engines.pybullet.model.in_child import run_aside
 from hcbench.engines.pybullet.model.open import (
     ANY_LINK,
     BodyPart,

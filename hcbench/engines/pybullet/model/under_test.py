@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hcbench.engines.pybullet import plugin
-from hcbench.engines.pybullet.backend import BACKEND, Answer, can_fork, release_aside, run_aside
+from hcbench.engines.pybullet.backend import BACKEND
 from hcbench.engines.pybullet.model.bodies import (
     BODY_TYPE,
     MAXIMAL_COORDINATES,
@@ -33,6 +33,7 @@ from hcbench.engines.pybullet.model.causes import (
     speed_of_hops,
     what_distorts,
 )
+from hcbench.engines.pybullet.model.in_child import Answer, can_fork, release_aside, run_aside
 from hcbench.engines.pybullet.model.landing import land
 from hcbench.engines.pybullet.model.list_pairs import find_pair, list_pairs
 from hcbench.engines.pybullet.model.loads import PairInWorld, carried_by, standing

@@ -1,0 +1,189 @@
+"""Trials and launches in a forked copy of the user's process, whose world stays as it is."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from multiprocessing.connection import Connection, Pipe
+from typing import TYPE_CHECKING, Any, TypeVar, final
+
+from hcbench.engines.pybullet.backend import BulletClient
+from hcbench.sim.world import Record, Simulation
+from hcbench.system.errors import EngineFailed
+from hcbench.workers import process
+from hcbench.workers.process import Fork
+
+if TYPE_CHECKING:
+    from hcbench.sim.world import Flags
+
+# Runs what would change an engine's world in a forked copy of this process: the world here stays
+# as it is.
+#
+# For engines that cannot be put back: Bullet keeps contacts that its own restoreState does not
+# take away.
+
+Answer = TypeVar("Answer")
+
+
+class _Child:
+    """A forked child that answers calls of one function until it is closed.
+
+    make: makes the function in the child, at the first call; requests and answers are pickled.
+    """
+
+    def __init__(self, make: Callable[[], Callable[[Any], Any]]) -> None:
+        self._pipe, end = Pipe()
+        self._fork = Fork(lambda: _serve(self._pipe, end, make))
+        end.close()
+
+    def ask(self, request: Any) -> Any:
+        """Call the function in the child with a request, which is pickled, and return its result.
+
+        Raises what the function raises; EngineFailed if the child dies.
+        """
+        try:
+            self._pipe.send(request)
+            error, answer = self._pipe.recv()
+        except (EOFError, OSError):
+            code = self._fork.wait()
+            got = (
+                f"crashed with {signal.Signals(-code).name}"
+                if code < 0
+                else f"ended with exit code {code}"
+            )
+            raise EngineFailed(
+                "model", f"the engine's process {got}", "a model that runs"
+            ) from None
+        if error is not None:
+            raise error
+        return answer
+
+    def close(self) -> None:
+        """End the child."""
+        self._pipe.close()
+        self._fork.kill()
+        self._fork.wait()
+
+
+def _serve(pipe: Connection, end: Connection, make: Callable[[], Any]) -> None:
+    """Answer requests in the child until the parent is gone.
+
+    pipe: the parent's end, closed here. end: the child's. make: makes the function that answers. An
+    error is sent back; the parent raises it.
+    """
+    pipe.close()
+    answer = None
+    while True:
+        request = end.recv()
+        try:
+            answer = answer or make()
+            end.send((None, answer(request)))
+        except Exception as error:
+            end.send((error, None))
+
+
+def run_forked(function: Callable[[], Answer]) -> Answer:
+    """Call `function()` in a forked copy of this process and return its result, pickled.
+
+    Raises what the function raises; EngineFailed if the copy dies.
+    """
+    child = _Child(lambda: lambda _: function())
+    try:
+        answer: Answer = child.ask(None)
+    finally:
+        child.close()
+    return answer
+
+
+@final
+class ForkedSimulation(Simulation):
+    """A simulation of one launch, released and advanced in a forked copy of this process."""
+
+    def __init__(self, release: Callable[[], Simulation]) -> None:
+        self._child = _Child(lambda: release().advance)
+
+    def advance(self, steps: int) -> Record:
+        """Advance the simulation in its child process."""
+        record: Record = self._child.ask(steps)
+        return record
+
+    def keep(self, which: Flags) -> None:
+        """Keep the one launch that there is."""
+
+    def close(self) -> None:
+        """End the copy."""
+        self._child.close()
+
+
+# Trials and launches beside the user's world, which stays as it is: in a forked copy of this
+# process.
+#
+# Where a process cannot fork, or the world is another process's, they run in the world itself,
+# which is then put back. restoreState alone would not do: a contact of the launch before survives
+# it and acts in the next.
+
+
+_CONNECTION = "connectionMethod"
+# Bodies so far apart, m, have no contacts.
+_FAR = 1e4
+
+
+def can_fork(bullet: BulletClient) -> bool:
+    """Say whether a forked copy of this process has a copy of the client's world in it."""
+    return process.CAN_FORK and bullet.getConnectionInfo()[_CONNECTION] == bullet.module.DIRECT
+
+
+def run_aside(bullet: BulletClient, function: Callable[[], Answer]) -> Answer:
+    """Call `function()`, which moves bodies in the world, and return its result;
+    the bodies are back afterwards.
+
+    In a forked copy of this process where that is possible, else in the world itself. Raises what
+    the function raises; EngineFailed if the copy dies.
+    """
+    if can_fork(bullet):
+        return run_forked(function)
+    state = bullet.saveState()
+    try:
+        return function()
+    finally:
+        bullet.restoreState(state)
+        bullet.removeState(state)
+
+
+def release_aside(bullet: BulletClient, release: Callable[[], Simulation]) -> Simulation:
+    """The simulation that `release()` begins in the world as it is now."""
+    return ForkedSimulation(release) if can_fork(bullet) else _InPlace(bullet, release)
+
+
+class _InPlace(Simulation):
+    """A simulation of one launch in the world itself."""
+
+    def __init__(self, bullet: BulletClient, release: Callable[[], Simulation]) -> None:
+        self._bullet = bullet
+        self._state = bullet.saveState()
+        _forget_contacts(bullet, self._state)
+        self._simulation = release()
+
+    def advance(self, steps: int) -> Record:
+        """Take the steps in the world itself."""
+        return self._simulation.advance(steps)
+
+    def keep(self, which: Flags) -> None:
+        """Keep the one launch that there is."""
+
+    def close(self) -> None:
+        """Put the world back."""
+        _forget_contacts(self._bullet, self._state)
+        self._bullet.removeState(self._state)
+
+
+def _forget_contacts(bullet: BulletClient, state: int) -> None:
+    """Restore a state without the contacts that there are now: Bullet
+    drops those of bodies far apart.
+    """
+    for i, body in enumerate(bullet.bodies(), start=1):
+        bullet.resetBasePositionAndOrientation(
+            body, [i * _FAR, i * _FAR, i * _FAR], [0.0, 0.0, 0.0, 1.0]
+        )
+    bullet.performCollisionDetection()
+    bullet.restoreState(state)
