@@ -109,10 +109,12 @@ def run_study(
 def run_in_pool(
     pool: WorkerPool, study: Study, progress: Callable[[int, int], None] | None = None
 ) -> Results:
-    """Run a study as `run_study` does, in a pool of processes that has other work before or after.
+    """Run a study in a pool of processes that has other work before or after; return its results,
+    which read their rows from a temporary folder.
 
-    progress: called with (impacts done, impacts in all). Raises as `run_study`; the temporary
-    folder of the results is then removed.
+    progress: called with (impacts done, impacts in all). Raises UserError for what the study asks
+    wrongly or an engine refuses, EngineMissing, CannotRun where the workers fail, and OutputError
+    where the temporary folder cannot take the results; the folder is then removed.
     """
     from hcbench.benchmark.read import results_in
 
@@ -173,9 +175,10 @@ def sweep(
 def _workers(executor: Executor | None, scheduler: str | None, jobs: int) -> Iterator[Workers]:
     """The executor of a sweep: one that is given, a Dask cluster, or a pool of our own.
 
-    executor: stays open after the block; the cluster's client and our pool do not.
-    scheduler: address of a Dask scheduler. Raises CannotRun for it as `connected`.
-    jobs: processes of our pool, and tasks at once of an executor that does not tell its width.
+    executor: stays open after the block; the cluster's client and our pool do not. scheduler:
+    address of a Dask scheduler. jobs: processes of our pool, and tasks at once of an executor that
+    does not tell its width. Raises CannotRun where the cluster cannot be reached, has no worker, or
+    goes away.
     """
     if executor is not None:
         # Executors of the standard library have the number here, and in no public name.
@@ -383,7 +386,10 @@ def _quiet() -> Iterator[None]:
 
 def _width(client: Any, address: str) -> Callable[[], int]:
     """Return a function that counts the tasks the workers run at once, 1 or more, at most once in
-    _COUNT_S. It raises CannotRun if there has been no worker for _WORKERS_S.
+    _COUNT_S.
+
+    client: Dask's. address: of its scheduler, for the error. The function raises CannotRun if there
+    has been no worker for _WORKERS_S.
     """
     threads = 1
     counted = -math.inf
@@ -396,7 +402,8 @@ def _width(client: Any, address: str) -> Callable[[], int]:
         if now - counted >= _COUNT_S:
             # Without an answer Dask connects again, or gives up and closes the client.
             with suppress(OSError):
-                threads, counted = sum(client.ncores().values()), now
+                threads = sum(client.ncores().values())
+                counted = now
         # A worker that was lost may come back: for a while one task counts.
         if threads:
             seen = now
@@ -413,10 +420,10 @@ def _without_workers(address: str, advice: str) -> CannotRun:
 
 
 def _require_workers(client: Any, address: str) -> None:
-    """Wait for a worker, and check their hcbench.
+    """Wait for a worker, and refuse workers without this version of hcbench.
 
-    Raises CannotRun without a worker within _WORKERS_S, and for a worker without hcbench or with
-    another version.
+    client: Dask's. address: of its scheduler, for the error. Raises CannotRun without a worker
+    within _WORKERS_S, and for a worker without hcbench or with another version.
     """
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)

@@ -16,9 +16,11 @@ from hcbench.cli.console import (
     options,
     output_option,
     print_json,
+    show,
+    show_code,
+    status,
 )
 from hcbench.cli.help import command
-from hcbench.cli.terminal import show, show_code, status
 from hcbench.system.errors import UserError
 from hcbench.system.text import as_bound, time_step
 
@@ -161,7 +163,7 @@ def _print(drawn: RandomWorlds) -> None:
 
 
 def _p(chance: float) -> str:
-    """The test's result as words; "" where one number was drawn for all worlds."""
+    """The result of the test as words; "" where one number was drawn for all worlds."""
     if math.isnan(chance):
         return ""
     return f", uniform (Kolmogorov-Smirnov p = {chance:.2g})"

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench.cli.console import MASS, PathType, device_option, jobs_option
+from hcbench.cli.console import MASS, PathType, device_option, jobs_option, progress
 from hcbench.cli.help import command
-from hcbench.cli.terminal import progress
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -82,8 +81,9 @@ def _report_own(
     """Read the user's poses of a box, judge the settings by them, and write the report; return its
     folder.
 
-    given: size, mass, inertia and model of the box, as typed; the model or both size and mass are
-    needed.
+    paths: files of poses. given: size, mass, inertia and model of the box, as typed; the model or
+    both size and mass are needed. jobs: worker processes. Raises UserError for missing numbers and
+    for files that cannot be read.
     """
     from hcbench.workers import WorkerPool
 
@@ -124,8 +124,12 @@ def report_reality(
     model: Path | None,
     identify: bool,
 ) -> Path:
-    """Run the study and write its page; the page. Of a user's own poses:
-    print and write what they tell.
+    """Run the study of measured impacts and write its page; return the page's path. Of a user's own
+    poses: print and write what they tell, and return the folder.
+
+    out: folder; None for the default. jobs: worker processes. sets: names of data sets, with
+    commas. part: to judge. size, mass, inertia, model: of the box in the poses, as typed. Raises
+    UserError for options that do not go together, and what the study raises.
     """
     from hcbench.workers import WorkerPool
 
@@ -294,8 +298,8 @@ def paper(out: Path | None, quick: bool, jobs: int) -> None:
     Redraw every figure, and compute every number that the paper prints.
     """
     with progress("starting"):
-        from hcbench.paper.engines import engines_with_two_blocks
         from hcbench.paper.page import build, engines_drawn_in
+        from hcbench.paper.vibroimpact_figures import engines_with_two_blocks
         from hcbench.reporting.ask import default_folder, folder_for, missing_engines
 
         missing = missing_engines(engines_with_two_blocks(), _warn)

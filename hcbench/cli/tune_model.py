@@ -9,8 +9,7 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from hcbench.cli.console import print_json
-from hcbench.cli.terminal import show, show_code, status
+from hcbench.cli.console import print_json, show, show_code, status
 from hcbench.measuring.request import is_python
 from hcbench.sim.passivity import MOST_E
 from hcbench.system.errors import LimitPassed
@@ -161,7 +160,11 @@ def _cure(tuned: TunedModel) -> str:
 
 
 def _reasons(tuned: TunedModel, limit: float) -> list[str]:
-    """Reasons why e misses the target, a sentence each."""
+    """Reasons why e misses the target, a sentence each.
+
+    limit: largest error of e that is allowed. Empty where e is within it and nothing is worse than
+    before.
+    """
     reasons = []
     if tuned.max_error > limit and abs(tuned.taken) > limit:
         verb = "take" if tuned.taken > 0.0 else "add"
@@ -332,7 +335,7 @@ def print_landing(tuned: TunedModel, change: LandingChange) -> None:
 
 
 def landing_table(change: LandingChange) -> list[str]:
-    """The robot's landing before and after, a line each; the worst of all drops, but the rebound."""
+    """The landing before and after, a line each; the worst of all drops, but the rebound."""
     from hcbench.sim.landing import QUANTITIES
 
     was = change.before
@@ -404,7 +407,10 @@ def _stiffer(change: LandingChange) -> list[str]:
 
 
 def landing_record(change: LandingChange | None) -> dict[str, Any] | None:
-    """The landing in SI units for `--json`; None for None."""
+    """The landing for `--json`, SI units in the keys; None where the model was not dropped.
+
+    change: the landing before and after, with what is worse.
+    """
     if change is None:
         return None
     reach = None

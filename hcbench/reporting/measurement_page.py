@@ -151,7 +151,8 @@ def force_figure(robots: Sequence[Landings]) -> Figure:
     """Force of the floor over weight, over time in ms: a column a robot, a row a tilt, a line a
     height.
 
-    robots: as of `landing_page`; the tilts are those of the first one.
+    robots: landings of one robot or several, all from the same drops; the tilts are those of the
+    first one.
     """
     tilts = list(dict.fromkeys(drop.tilt for drop in robots[0].drops))
     panel_width, panel_height = _PANEL

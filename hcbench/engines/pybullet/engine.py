@@ -93,7 +93,7 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Step
 
     def promised(self, text: str, pair: Pair, promise: Promise) -> str:
         """The text of a setting with a call that keeps its promise as user data of the first body."""
-        from hcbench.engines.pybullet.model.promises import promise_line
+        from hcbench.engines.pybullet.model.causes import promise_line
 
         # A whole script has dropped its ball when it ends; other text is no Python.
         if "pybullet." not in text or "pybullet.connect(" in text:
@@ -145,8 +145,10 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Step
         return plugin.library()
 
     def accepts(self, source: Any) -> bool:
-        """Say whether PyBullet opens this: a path of its suffixes, a list of paths, a client's id,
-        a BulletClient, a `World`, or None where the process has a client.
+        """Say whether PyBullet opens this source, without opening it.
+
+        source: True for a path of its suffixes, a list of paths, a client's id, a BulletClient, a
+        `World`, or None where the process has a client.
         """
         if isinstance(source, list | tuple):
             return all(isinstance(part, str | Path) for part in source)
@@ -188,9 +190,12 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Step
         rebuild: Callable[[], Any] | None = None,
         version: tuple[int, ...] = (),
     ) -> Iterable[ModelSetting]:
-        """One setting, lines of changeDynamics and setPhysicsEngineParameter for the pairs.
+        """Settings to try, each lines of changeDynamics and setPhysicsEngineParameter for all
+        pairs.
 
-        Errors come as it is read: UserError for a live client, and those of `open`.
+        source: files, a `World`, or a client. rebuild: makes it again, where a function built it.
+        requests: of the pairs. goal: e over speed. was, version: unused. Errors come as they are
+        read: UserError for a live client, and what opening raises.
         """
         from hcbench.engines.pybullet.model.under_test import model_settings
 
@@ -201,7 +206,9 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Step
     ) -> Standing:
         """Measure how the first pair of a user's world rests on the level and on a slope.
 
-        setting: whose lines are run first; None: the world as it is.
+        source: files, a `World`, or a client. setting: whose lines are run first; None: the world
+        as it is. requests: of the pairs; the first counts. Raises UserError and SceneError where it
+        cannot be opened.
         """
         from hcbench.engines.pybullet.model.under_test import PybulletModel
 
@@ -217,7 +224,13 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Step
         drops: DropPlan,
         rebuild: Callable[[], Any] | None = None,
     ) -> Landings:
-        """Drop a robot with a free base over the fixed bodies of its world."""
+        """Drop a robot with a free base over the fixed bodies of its world, from each height and
+        tilt.
+
+        source: files, a `World`, or a client. rebuild: makes it again, where a function built it.
+        request: the pose. drops: heights, m, tilts, rad, and the controller. Raises UserError for a
+        world without robot or floor, and for another process's client.
+        """
         from hcbench.engines.pybullet.model.under_test import land_in
 
         return land_in(source, request, drops, rebuild)

@@ -19,10 +19,9 @@ from hcbench.engines.mujoco.backend import (
     resets,
 )
 from hcbench.engines.mujoco.model.bodies import body_name, geom_name, volumes
-from hcbench.engines.mujoco.model.controllers import Drive, drive_of
 from hcbench.engines.mujoco.model.find_pair import contact_in_force, named_pair
 from hcbench.engines.mujoco.model.open import copy_state
-from hcbench.engines.mujoco.model.over_floor import OverFloor, turn_base
+from hcbench.engines.mujoco.model.over_floor import Drive, OverFloor, drive_of, turn_base
 from hcbench.engines.mujoco.model.pair import WithoutContact, restitution_law
 from hcbench.engines.mujoco.model.promises import broken_promise, promise_in
 from hcbench.engines.mujoco.model.start_pose import require_quaternions, start_pose
@@ -165,7 +164,11 @@ class _Bench:
     """
 
     def __init__(self, model: Any, start: Any) -> None:
-        """Find the robot and what it can land on. Raises UserError as `_heaviest_base` does."""
+        """Find the robot and what it can land on.
+
+        start: MjData of the pose to drop it in. Raises UserError for a model without a free joint,
+        or without gravity.
+        """
         self.model = model
         self.start = start
         self.timestep = float(model.opt.timestep)
@@ -227,7 +230,9 @@ class _Bench:
     def _fall(self, data: Any, height: float, drive: Drive) -> _Fall:
         """Simulate a drop until WINDOW_S (s) after the first touch.
 
-        data: MjData at release, moved on. height, drive, errors: of `landing`.
+        data: MjData at release, moved on. height: of the lowest point over the floor at release, m.
+        drive: sets the controls before each step. Raises UserError where the robot meets nothing;
+        EngineFailed where MuJoCo finds the state unstable.
         """
         robot = self.over_floor
         jacobian = np.zeros((3, self.model.nv))
@@ -430,7 +435,8 @@ def touchdowns(
 ) -> TrajectoryTouchdowns:
     """Every touchdown of a part that moves on one that does not, or of the request's pair.
 
-    recorded: qpos (n, nq), qvel (n, nv), and time (n,), s, where it is known.
+    model: MjModel. label: what to call it. recorded: qpos (n, nq), qvel (n, nv), and time (n,), s,
+    where it is known.
     Raises UserError for other shapes, for states that cannot be, and for a pair that the model does
     not have.
     """
@@ -459,9 +465,10 @@ def _events(model: Any, motion: Motion, kept: set[_Geoms] | None) -> dict[_Geoms
     """Touchdowns of every two rigid parts, in the order of time, by the first two of their geoms
     that touched.
 
-    kept: as in `_moving_first`.
-    The speeds are those of the state before, or of the first in contact, the faster of the two: a
-    contact slows, and free flight may speed up, within the time between two states.
+    kept: two and two geoms whose contacts count, the smaller number first; None: those of a part
+    that moves with one that does not. The speeds are those of the state before, or of the first in
+    contact, the faster of the two: a contact slows, and free flight may speed up, within the time
+    between two states. Parts that touch in the first state have not come down.
     """
     qpos, qvel, time = motion.qpos, motion.qvel, motion.time
     now = backend().MjData(model)
@@ -546,9 +553,9 @@ def _closing_speeds(
 
 
 def _foot(model: Any, geoms: _Geoms, events: Sequence[_Touchdown]) -> Touchdowns:
-    """Touchdowns of two parts, one or more, with the band of speeds that their setting holds in.
+    """Touchdowns of two parts, with the band of speeds that their setting holds in.
 
-    geoms: the first two that touched, one of each part.
+    geoms: the first two that touched, one of each part. events: one or more, in the order of time.
     """
     promise = promise_in(model, geoms)
     band = None

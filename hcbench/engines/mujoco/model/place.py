@@ -315,10 +315,9 @@ def _from_there(
     data: MjData at the start; changed.
     coming_from: the side of the first part, a unit vector away from the second; the second comes
     from the other side.
-    chosen: the only mover that may, as in `_joints`.
-
+    chosen: the only mover that may, "base:", "body:NAME" or "joint:NAME"; None: any.
     Raises UserError where no joint moves one of them along it, they do not meet, or something else
-    is in the way, as `_at_touch` does.
+    is in the way.
     """
     model = pair.model
     there = np.asarray(coming_from)
@@ -517,11 +516,13 @@ def _require_room(pair: ContactPair, data: Any) -> None:
         require_reachable(-contact.dist, size, names, blocked, advice)
 
 
-def tether_error(model: Any, data: Any, row: Any, names: tuple[str, str]) -> UserError | None:
+def tether_error(
+    model: Any, data: Any, by_push: Floats, names: tuple[str, str]
+) -> UserError | None:
     """Error for tendons at their limits and stretched equalities that hold the two back at touch.
 
     data: MjData at touch, with its constraints.
-    row: (nv,) M^-1 J^T, the motion by a push at the contact.
+    by_push: (nv,) M^-1 J^T, the motion by a push at the contact.
     names: of the two, the moving part first.
 
     None where no such constraint feels the push.
@@ -530,8 +531,9 @@ def tether_error(model: Any, data: Any, row: Any, names: tuple[str, str]) -> Use
     if not data.nefc:
         return None
     coupling = np.zeros(data.nefc)
-    mujoco.mj_mulJacVec(model, data, coupling, row)
-    for i in np.flatnonzero(np.abs(coupling) > 1e-9 * max(1.0, float(np.abs(row).max()))):
+    mujoco.mj_mulJacVec(model, data, coupling, by_push)
+    round_off = 1e-9 * max(1.0, float(np.abs(by_push).max()))
+    for i in np.flatnonzero(np.abs(coupling) > round_off):
         kind = int(data.efc_type[i])
         number = int(data.efc_id[i])
         off = float(data.efc_pos[i])

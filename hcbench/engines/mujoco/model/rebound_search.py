@@ -74,9 +74,10 @@ class FootContact:
 
 
 def foot_geoms(model: Any, requests: Sequence[Request]) -> list[Geoms]:
-    """All pairs of geoms of the pairs of the requests that MuJoCo collides.
+    """All pairs of geoms of the pairs of the requests that MuJoCo collides, by their numbers.
 
-    Raises UserError for more than can be written.
+    requests: each with the names of its pair. Raises UserError for unknown names, and for more
+    geoms than can be written.
     """
     pairs = []
     for request in requests:
@@ -107,8 +108,8 @@ def write_contact(source: Any, requests: Sequence[Request], contact: FootContact
     """The model of a source with the contact in <pair>s of all feet, in a spec of its own;
     friction, condim and margin stay.
 
-    source: a file, MJCF text or an MjSpec. Raises UserError for a source that cannot be written,
-    for unknown pairs and for too many geoms.
+    source: a file, MJCF text or an MjSpec. requests: each with the names of a foot and its floor.
+    Raises UserError for a source that cannot be written, for unknown pairs and for too many geoms.
     """
     spec = spec_of(source)
     model = spec.compile()
@@ -136,7 +137,8 @@ def write_contact(source: Any, requests: Sequence[Request], contact: FootContact
 def _onset(model: Any, one: int, other: int) -> float:
     """Distance from which the contact of two geoms acts, m.
 
-    Versions of MuJoCo join margins and gaps in different ways: two spheres with those show it.
+    one, other: numbers of the geoms in a compiled model. Versions of MuJoCo join margins and gaps
+    in different ways: two spheres with those show it.
     """
     spec = backend().MjSpec()
     for geom in (one, other):
@@ -409,10 +411,11 @@ def advice(model: Any) -> tuple[str, ...]:
 def rebound_settings(
     source: Any, requests: Sequence[Request], before: DropTest, target: float
 ) -> ReboundSettings:
-    """Settings of the feet for a rebound, m, found by drops.
+    """Settings of the feet for a rebound, found by drops; the search runs as they are asked for.
 
-    before: the whole test of the model as it is. Raises UserError for what cannot be dropped or
-    written.
+    source: a file, MJCF text or an MjSpec. requests: of the feet's pairs. before: the whole test of
+    the model as it is. target: the rebound, m.
+    Raises UserError for what cannot be dropped or written.
     """
     search = ReboundSearch(source, requests, before, target)
 
@@ -432,7 +435,8 @@ def _setting(source: Any, requests: Sequence[Request], contact: FootContact) -> 
     """A contact of the feet as a setting of a user's model: notes, the model under a request, and
     its text.
 
-    source, requests: as of `rebound_settings`; errors of `write_contact`.
+    source: a file, MJCF text or an MjSpec. requests: each with the names of a foot and its floor.
+    Raises UserError for a source that cannot be written, for unknown pairs and for too many geoms.
     """
     made = write_contact(source, requests, contact)
     notes = [

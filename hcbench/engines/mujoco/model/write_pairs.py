@@ -183,7 +183,9 @@ def spring_row(e: float, steps: int, load: Load, solimp: Solimp = SPRING_SOLIMP)
 def _fitted(goal: RestitutionCurve, band: Band, load: Load, adhesive: bool) -> Rows:
     """A spring, and a damper whose strength grows with depth: two <pair>s of the same two geoms.
 
-    goal, band, load, adhesive: as in `row_choices`. Raises SearchInterrupted with the best so far.
+    goal: e over speed. band: lowest and highest impact speed, m/s. load: on the contact that the
+    rows serve. adhesive: whether the rows may pull. Raises SearchInterrupted with the best so far,
+    where the user stops the fit.
     """
     h = load.timestep
     gravity = round(load.gravity, 2)
@@ -412,7 +414,7 @@ def written(
 
     pairs: each with its rows, one <pair> a row for every two geoms. impratio: of the whole model
     under elliptic cones, 0 to leave both; None: what the rows need. Raises UserError for a source
-    that cannot be written, as `spec_of` does.
+    that cannot be written, such as a compiled model or a file that is not in UTF-8.
     """
     spec = spec_of(source)
     model = spec.compile()

@@ -71,7 +71,10 @@ class _Rows(NamedTuple):
         return _Rows(*(column.take(which) for column in self))
 
     def impedance(self, penetration: Floats) -> Floats:
-        """d(r) of the damper, "Impedance": a sigmoid from dmin to dmax as r grows to the width."""
+        """d(r) of the damper, "Impedance": a sigmoid from dmin to dmax as r grows to the width.
+
+        penetration: r, in v h, (m,), as are the widths.
+        """
         u = np.clip(penetration / self.width, 0.0, 1.0)
         early = u <= self.midpoint
         sigmoid = np.where(early, u, 1.0 - u)
@@ -125,10 +128,11 @@ class RowFit:
         )
 
     def errors(self, parameters: Floats, limits: Floats) -> Floats:
-        """Error of each of p settings, (p, 6) to (p,): the largest of e, and penalties.
+        """Error of each of p settings, (p,): the largest of e, and penalties.
 
-        Added are what the contact is deeper than it may be, and a large share of what the largest e
-        is above 0.995 or the target's: a setting that gains energy is never the best.
+        parameters: (p, 6), half period in steps and logs of the rest. Added are what the contact is
+        deeper than it may be, and a large share of what the largest e is above 0.995 or the
+        target's: a setting that gains energy is never the best.
         limits: (p,), above which any number will do.
         """
         numbers = self.numbers(parameters)
@@ -165,7 +169,11 @@ class RowFit:
         return error
 
     def _columns(self, numbers: tuple[Floats, ...]) -> _Rows:
-        """The rows of p settings, shape (p,). numbers: as `numbers` gives them."""
+        """The rows of p settings, shape (p,).
+
+        numbers: six columns, (p,) each: K h² and D h of the spring; D h, dmax, width/(v h) and
+        midpoint of the damper.
+        """
         stiffness, spring_damping, damping, dmax, width, midpoint = numbers
         # In MuJoCo's reference k = K d/dmax² and b = D/dmax; the spring has d = dmax = dmin.
         weight = self.corners * _WEIGHT / MIN_IMPEDANCE
@@ -184,7 +192,8 @@ class RowFit:
     def _simulate(self, numbers: tuple[Floats, ...]) -> tuple[Floats, Floats]:
         """(e of each launch, 0 where it has not parted; largest penetration over v h); (p, n) each.
 
-        numbers: of p settings, as `numbers` gives them.
+        numbers: six columns, (p,) each: K h² and D h of the spring; D h, dmax, width/(v h) and
+        midpoint of the damper.
         """
         # Those of all launches, a setting after the other.
         columns = self._columns(numbers)

@@ -42,8 +42,9 @@ class _Child:
         end.close()
 
     def ask(self, request: Any) -> Any:
-        """Call the function in the child and return its result. Raises what it raises;
-        EngineFailed if the child dies.
+        """Call the function in the child with a request, which is pickled, and return its result.
+
+        Raises what the function raises; EngineFailed if the child dies.
         """
         try:
             self._pipe.send(request)
@@ -70,7 +71,11 @@ class _Child:
 
 
 def _serve(pipe: Connection, end: Connection, make: Callable[[], Any]) -> None:
-    """Answer requests until the parent is gone."""
+    """Answer requests in the child until the parent is gone.
+
+    pipe: the parent's end, closed here. end: the child's. make: makes the function that answers. An
+    error is sent back; the parent raises it.
+    """
     pipe.close()
     answer = None
     while True:

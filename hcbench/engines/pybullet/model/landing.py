@@ -14,6 +14,7 @@ from hcbench.engines.pybullet.backend import (
     DISTANCE,
     FORCE,
     LINK_A,
+    MASS,
     NORMAL,
     POINT_A,
 )
@@ -23,7 +24,7 @@ from hcbench.engines.pybullet.model.bodies import (
     mass_and_volumes,
 )
 from hcbench.engines.pybullet.model.in_child import can_fork, run_aside
-from hcbench.engines.pybullet.model.start_pose import set_pose
+from hcbench.engines.pybullet.model.open import set_pose
 from hcbench.sim.density import unit_notes
 from hcbench.sim.landing import (
     WINDOW_S,
@@ -73,6 +74,9 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
         raise UserError("key", repr(request.key), "no keyframe: PyBullet has none")
 
     def prepared() -> tuple[_DropBench, Callable[[], None], str]:
+        """(the robot in its pose over its floor, what drives its joints, the drive in words); in a
+        forked copy, whose world it changes.
+        """
         if request.timestep is not None:
             bullet.setPhysicsEngineParameter(fixedTimeStep=request.timestep)
         if request.gravity is not None:
@@ -82,6 +86,9 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
         return bench, *_drive_of(drops.controller, bench)
 
     def described() -> Landings:
+        """The landings without a drop: names, mass, step and gravity, and notes on the robot's
+        unit.
+        """
         bench, _, words = prepared()
         floors = ", ".join(world.name_of(floor) for floor in bench.floors)
         start = ", ".join(["the pose of the world", *(joint for joint, _ in request.pose)])
@@ -134,13 +141,20 @@ class _Motion(NamedTuple):
 class _DropBench:
     """A robot with a free base, in its pose, over the fixed bodies of its world.
 
+    robot: its body. name: of it. links: numbers. masses: kg, of the links and last the base. mass:
+    of all, kg. floors: the fixed bodies. h: time step, s. g: gravity, m/s²; up: unit vector against
+    it, (3,).
     Raises UserError for a world without one, without a floor, or without gravity.
     """
 
     def __init__(self, world: LoadedWorld) -> None:
+        """Find the robot, of several with a free base the one with most joints, and its floors.
+
+        Raises UserError for a world without a free base, without a floor, or without gravity.
+        """
         self._world = world
         bullet = self.bullet = world.bullet
-        masses = {body: bullet.getDynamicsInfo(body, -1)[0] for body in bullet.bodies()}
+        masses = {body: bullet.getDynamicsInfo(body, -1)[MASS] for body in bullet.bodies()}
         free = [body for body, mass in masses.items() if mass > 0.0]
         self.floors = [body for body, mass in masses.items() if not mass > 0.0]
         if not free:
@@ -154,7 +168,7 @@ class _DropBench:
         self.links = list(range(bullet.getNumJoints(self.robot)))
         # Of the links, and of the base at the end.
         self.masses: Floats = np.array(
-            [bullet.getDynamicsInfo(self.robot, link)[0] for link in [*self.links, -1]]
+            [bullet.getDynamicsInfo(self.robot, link)[MASS] for link in [*self.links, -1]]
         )
         self.mass = float(self.masses.sum())
         parameters = bullet.getPhysicsEngineParameters()
@@ -167,7 +181,7 @@ class _DropBench:
         self.up = -gravity / self.g
 
     def motion(self) -> _Motion:
-        """The present motion of the robot's links and base."""
+        """The present motion of the base and all links."""
         bullet = self.bullet
         centre, _ = bullet.getBasePositionAndOrientation(self.robot)
         velocity, spin = bullet.getBaseVelocity(self.robot)
@@ -189,9 +203,12 @@ class _DropBench:
     def landing(
         self, height: float, tilt: float, drive: Callable[[], None], phase: float
     ) -> Landing:
-        """One drop from a height (m) over the touch, the base turned by a tilt (rad) about y.
+        """Drop the robot once, and read how it lands.
 
-        phase: place of the touch in a step.
+        height: of its lowest point over the floor, m. tilt: by which its base is turned about y,
+        rad. drive: called before each step. phase: place of the touch in a step. Raises UserError
+        where nothing is below the robot or it meets nothing, EngineFailed for a velocity that is
+        not finite.
         """
         bullet = self.bullet
         position, attitude = bullet.getBasePositionAndOrientation(self.robot)
@@ -203,6 +220,9 @@ class _DropBench:
             bullet.resetBasePositionAndOrientation(self.robot, place.tolist(), turned)
 
         def distance(travel: float) -> float:
+            """Distance of the lowered robot from the floor, m; UserError where nothing is below it.
+            travel: by which it is lowered, m.
+            """
             lower(travel)
             points = []
             for floor in self.floors:
@@ -220,7 +240,8 @@ class _DropBench:
     def _fall(self, height: float, tilt: float, drive: Callable[[], None]) -> Landing:
         """Simulate a drop until WINDOW_S (s) after the first touch, and read it.
 
-        Raises EngineFailed for a velocity that is not finite, UserError where nothing is met.
+        height, m, tilt, rad: of the drop, for the result. drive: called before each step. Raises
+        EngineFailed for a velocity that is not finite, UserError where nothing is met.
         """
         latest = latest_touch(height, self.g)
         forces: list[float] = []
@@ -309,6 +330,7 @@ def _drive_of(controller: Any, bench: _DropBench) -> tuple[Callable[[], None], s
     if controller == "pd":
         for joint, angle in zip(joints, pose, strict=True):
             effort = bullet.getJointInfo(robot, joint)[_EFFORT]
+            # 0 where the file names no effort: PyBullet's default force acts then.
             force = {"force": effort} if effort > 0.0 else {}
             bullet.setJointMotorControl2(
                 robot, joint, module.POSITION_CONTROL, targetPosition=angle, **force
@@ -328,7 +350,11 @@ def _drive_of(controller: Any, bench: _DropBench) -> tuple[Callable[[], None], s
 
 
 def _gains(controller: str) -> tuple[float, float]:
-    """KP and KD of "pd:KP,KD". Raises UserError for another text."""
+    """(KP, KD) of the text "pd:KP,KD", N m/rad and N m s/rad, or for slides N/m and N s/m.
+
+    controller: the text. Raises UserError for another text or another number of gains,
+    QuantityError for one that is not a number from 0 up.
+    """
     kind, _, text = controller.partition(":")
     gains = [units.parse(gain, "number", "controller", least=0.0) for gain in text.split(",")]
     if kind != "pd" or len(gains) != _GAINS:

@@ -20,10 +20,9 @@ from hcbench.engines.pybullet.backend import (
     POINT_A,
 )
 from hcbench.engines.pybullet.model.bodies import FIXED, JOINT_TYPE, PRISMATIC, REVOLUTE, BulletBody
-from hcbench.engines.pybullet.model.causes import RESTITUTION
+from hcbench.engines.pybullet.model.causes import RESTITUTION, promise_in
 from hcbench.engines.pybullet.model.list_pairs import find_pair
 from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart
-from hcbench.engines.pybullet.model.promises import promise_in
 from hcbench.sim.motion import Motion, NewTouches
 from hcbench.sim.touch import Touchdowns, TrajectoryTouchdowns
 from hcbench.system.errors import QuantityError, UserError

@@ -25,7 +25,9 @@ from hcbench.engines.pybullet.model.bodies import (
 )
 from hcbench.engines.pybullet.model.causes import (
     BulletContext,
+    broken_promise,
     find_suspects,
+    promise_in,
     restitution_setting,
     restitutions,
     speed_of_hops,
@@ -43,11 +45,16 @@ from hcbench.engines.pybullet.model.in_child import (
 from hcbench.engines.pybullet.model.landing import land
 from hcbench.engines.pybullet.model.list_pairs import find_pair, list_pairs
 from hcbench.engines.pybullet.model.loads import PairInWorld, carried_by, standing
-from hcbench.engines.pybullet.model.open import LoadedWorld, load_files, open_live
+from hcbench.engines.pybullet.model.open import (
+    LoadedWorld,
+    base_states,
+    joint_states,
+    load_files,
+    open_live,
+    set_pose,
+)
 from hcbench.engines.pybullet.model.place import place
-from hcbench.engines.pybullet.model.promises import broken_promise, promise_in
 from hcbench.engines.pybullet.model.simulation import LaunchInUserWorld, pair_friction
-from hcbench.engines.pybullet.model.start_pose import base_states, joint_states, set_pose
 from hcbench.engines.pybullet.model.touchdowns import touchdowns
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.density import unit_notes
@@ -177,7 +184,12 @@ class PybulletModel(ModelUnderTest):
         request: Request,
         fixes: Sequence[Suspect] = (),
     ) -> None:
-        """Apply the request and the fixes, and bring the pair to touch; errors are the class's."""
+        """Apply the request and the fixes, and bring the pair to touch.
+
+        world: loaded. build: makes it again; None for a live client. fixes: suspects, made before
+        the pair is placed. Raises UserError and its kinds where the pair cannot be measured; a live
+        client then gets back what it had.
+        """
         self.world = world
         self.request = request
         self.build = build
@@ -203,7 +215,11 @@ class PybulletModel(ModelUnderTest):
             raise
 
     def _placed(self) -> _Placed:
-        """The pair at touch, and what the world as it is now says of it; errors are the class's."""
+        """The pair at touch, and what the world as it is now says of it.
+
+        Raises UserError where the two cannot be brought to touch, SceneError and QuantityError for
+        numbers that no body has.
+        """
         request = self.request
         first, second = self._parts
         self.place = run_aside(
@@ -281,10 +297,10 @@ class PybulletModel(ModelUnderTest):
         return isinstance(self.place.mover, FreeBase) and min(first_mass, second_mass) == 0.0
 
     def release(self, launches: Sequence[Launch]) -> Simulation:
-        """The launch under way from its starting point, in a world that knows of no other launch.
+        """Begin a launch from its starting point, in a world that knows of no other launch.
 
-        Raises UserError for an oblique launch of a pair with the plug-in's law, whose friction
-        PyBullet does not report.
+        launches: one. Raises UserError for an oblique launch of a pair with the plug-in's law,
+        whose friction PyBullet does not report.
         """
         (launch,) = launches
         law_number = None
@@ -341,7 +357,10 @@ class PybulletModel(ModelUnderTest):
         )
 
     def facts(self) -> Facts:
-        """Properties of the world and of its pair, as `measure` prints them."""
+        """Properties of the world and of its pair, SI, as `measure` prints them: the pair, its mass
+        and normal, Bullet's settings, the e that these ask for, notes, and what has changed since
+        `tune` wrote them.
+        """
         of_pair = restitutions(self.bullet, self.place)
         told: list[float] | str = "not told"
         if not math.isnan(math.prod(of_pair)):
@@ -412,8 +431,9 @@ class PybulletModel(ModelUnderTest):
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """Return settings that may keep this pair from bouncing as `wanted`, likeliest first.
 
-        For a plug-in's law, which replaces Bullet's contact, those that act beside it. Those of a
-        live client have no fix to try.
+        impacts: of the launches. wanted: e over speed; None where the user named none. For a
+        plug-in's law, which replaces Bullet's contact, those that act beside it. Those of a live
+        client have no fix to try.
         """
         changed = self._changed_since_tuned()
         context = BulletContext(
@@ -474,7 +494,12 @@ class _FixedInForks(PybulletModel):
     """
 
     def __init__(self, model: PybulletModel, fixes: Sequence[Suspect]) -> None:
-        """Bring the pair to touch with the fixes made; errors are those of `PybulletModel`."""
+        """Bring the pair to touch with the fixes made, in a forked copy of this process.
+
+        model: the model under test, whose own fixes are made, too. fixes: suspects. Raises
+        UserError where the two cannot be brought to touch, SceneError and QuantityError for numbers
+        that no body has, EngineFailed where PyBullet dies.
+        """
         # Its world, its request and its parts.
         self.__dict__.update(model.__dict__)
         self._copy = None
@@ -534,9 +559,9 @@ def list_pairs_of(
 ) -> list[CandidatePair]:
     """Pairs of links that can meet, in the request's pose.
 
-    rebuild: makes the world again, where a function built it. Raises SceneError for files that do
-    not load, UserError for a pose that does not fit or one file alone, EngineFailed where PyBullet
-    dies.
+    source: files, a `World`, or a client. rebuild: makes the world again, where a function built
+    it. Raises SceneError for files that do not load, UserError for a pose that does not fit or one
+    file alone, EngineFailed where PyBullet dies.
     """
     world, _ = _loaded(source, rebuild, request.packages)
     try:
@@ -549,10 +574,12 @@ def list_pairs_of(
 def land_in(
     source: Any, request: Request, drops: DropPlan, rebuild: Callable[[], Any] | None
 ) -> Landings:
-    """Landings of the robot of a world, see `landing.land`.
+    """Drop the robot of a world from each height, m, and tilt, rad, of `drops`, each time in a
+    forked copy of this process.
 
-    rebuild: makes the world again, where a function built it. Raises SceneError for files that do
-    not load, and the errors of `land`.
+    source: files, a `World`, or a client. rebuild: makes the world again, where a function built
+    it. Raises SceneError for files that do not load, UserError where there is no robot or nothing
+    to land on, EngineFailed where a velocity is no longer finite.
     """
     world, _ = _loaded(source, rebuild, request.packages)
     try:
@@ -588,8 +615,9 @@ def _loaded(
 ) -> tuple[LoadedWorld, Callable[[], LoadedWorld] | None]:
     """(the world, function that makes it again; None for a live client).
 
-    source: one path or several, a `World`, a client or its id. Raises SceneError for files that do
-    not load, UserError for another source.
+    source: one path or several, a `World`, a client or its id. rebuild: makes the `World` or client
+    again; None where no function built it. packages: folders that URDFs name. Raises SceneError for
+    files that do not load, UserError for another source.
     """
     if isinstance(source, str | list | tuple) or hasattr(source, "__fspath__"):
         paths: Sequence[str | Path] = source if isinstance(source, list | tuple) else [source]
@@ -618,10 +646,10 @@ def model_settings(
 
     The first lets bodies come to rest under gravity, by a speed below which nothing bounces; the
     second lets all bounce.
+    source: files, a `World`, or a client. rebuild: makes it again, where a function built it.
     requests: of the pairs, one or more; their speeds choose the constant e nearest to `goal`.
-
-    Raises UserError for a live client, and for a part that would need two restitutions; also the
-    errors of `open_world`.
+    Raises UserError for a live client, and for a part that would need two restitutions; also what
+    opening raises.
     """
     world, build = _loaded(source, rebuild, requests[0].packages)
     if build is None:
@@ -667,9 +695,10 @@ def _restitution(
     build: Callable[[], LoadedWorld],
     more: tuple[str, ...],
 ) -> ModelSetting:
-    """The setting with one restitution, and a speed, m/s, below which nothing bounces.
+    """The setting with one restitution, and a speed below which nothing bounces.
 
-    places: each with what ends a spring of its parts. build: makes the world. more: notes on it.
+    places: of the pairs, at touch, each with what ends a spring of its parts. e: of each pair.
+    still: that speed, m/s. build: makes the world. more: notes on it.
     """
     suspects = [restitution_setting(place, springless, e, still) for place, springless in places]
     # Each line once, in order.
