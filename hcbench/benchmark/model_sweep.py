@@ -208,6 +208,7 @@ def sweep_model(
     with workers_for(executor, scheduler, jobs) as workers:
         for part, content in imap_unordered(workers, measure_part, missing, timeouts):
             with _output_errors(files):
+                _require_ours(files, described)
                 files.write(part.name, content)
             now = replace(now.with_part(len(part.rows), content), parts=now.parts + 1)
             report(now)
@@ -339,6 +340,16 @@ def _begin(files: Files, described: Mapping[str, Any], wanted: set[str]) -> set[
     if DESCRIPTION not in names:
         files.write(DESCRIPTION, content.encode())
     return wanted.intersection(names)
+
+
+def _require_ours(files: Files, described: Mapping[str, Any]) -> None:
+    """Raise CannotRun where another sweep began in the folder at the same moment as this one, and
+    wrote its description last.
+    """
+    difference = _difference(files.read(DESCRIPTION), json_text(described))
+    if difference:
+        got = f"{files.where} was taken by another sweep: {difference}"
+        raise CannotRun("folder", got, "a folder for each sweep", "Take another folder")
 
 
 def _difference(there: bytes, here: str) -> str:

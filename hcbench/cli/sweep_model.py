@@ -103,9 +103,10 @@ def sweep_a_model(
 
 def _text(done: ModelSweep) -> str:
     """What came of a sweep, in one line."""
-    parts = f"{done.parts + done.there} parts"
+    count = done.parts + done.there
+    parts = f"{count} part{'s' if count != 1 else ''}"
     if done.there:
-        parts += f", {done.there} of which were there"
+        parts += f", {done.there} of them from before"
     text = f"{done.rows} rows in {parts}; {done.points} points"
     if done.lowest <= done.highest:
         text += f", e from {done.lowest:.3g} to {done.highest:.3g}"
