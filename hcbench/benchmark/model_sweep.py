@@ -62,7 +62,7 @@ _COUNTS = "hcbench.counts"
 
 @dataclass(frozen=True, slots=True)
 class _SweepJob(Job):
-    """What all parts of a sweep have in common.
+    """Properties that all parts of a sweep have in common.
 
     names: of the parameters. files: digest of the model. versions: of what the bytes depend on.
     """

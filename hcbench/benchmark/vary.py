@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from hcbench.terms.impact import Floats
 
-# The time step is no parameter of a contact, but decides e with them.
+# The time step belongs to the model, not to a contact, but decides e with the parameters of one.
 TIMESTEP = "timestep"
 MOST_ROWS = 10_000_000
 _LOG = " log"
@@ -53,7 +53,7 @@ def read_parameter(text: str) -> Parameter:
     VALUES: a list "0.3, 0.5"; a grid "LOW:HIGH:COUNT"; or a band "LOW:HIGH". " log" at the end of a
     grid or band spaces it evenly by logarithms. A unit goes after the numbers.
 
-    Raises UserError for another form, QuantityError for what are no numbers.
+    Raises UserError for another form, QuantityError for values that cannot be read.
     """
     name, equals, values = (part.strip() for part in text.partition("="))
     if not (name and equals and values):

@@ -102,7 +102,7 @@ def sweep_a_model(
 
 
 def _text(done: ModelSweep) -> str:
-    """What came of a sweep, in one line."""
+    """Number of rows, parts and points of a sweep, and the range of e, in one line."""
     count = done.parts + done.there
     parts = f"{count} part{'s' if count != 1 else ''}"
     if done.there:
