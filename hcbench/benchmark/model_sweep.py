@@ -456,7 +456,9 @@ def _table(part: Part, measured: Sequence[list[dict[str, Any]]]) -> bytes:
     job = part.job
     shown = [f.key for f in _POINT if job.request.is_oblique or not f.oblique]
     columns: dict[str, list[Any]] = {"row": []}
-    columns |= {_COLUMN_OF.get(name, name): [] for name in job.names}
+    # A parameter may have the name of what is measured.
+    set_to = {name: f"{name}_set" for name in job.names if name in shown}
+    columns |= {(set_to | _COLUMN_OF).get(name, name): [] for name in job.names}
     columns |= {name: [] for name in (*shown, "status", "reason")}
     for i, (row, points) in enumerate(zip(part.rows, measured, strict=True)):
         for point in points:

@@ -26,6 +26,8 @@ from hcbench.benchmark import model_sweep, store
 from hcbench.benchmark.model_sweep import ModelSweep, sweep_model
 from hcbench.benchmark.vary import read_parameters, rows_of
 from hcbench.cli import run as cli
+from hcbench.measuring.request import make_request
+from hcbench.sim import registry
 from hcbench.system.errors import CannotRun, OutputError, UserError
 
 # The second ball keeps the plate's parameters from being the pair's alone.
@@ -47,6 +49,29 @@ def make():
         return real(opened, request)
     model_sweep.impacts_of = dying
     return mujoco.MjSpec.from_string('''{text}''')
+"""
+# A world of PyBullet, whose numbers are those of its arguments, or Bullet's defaults.
+WORLD = """
+def make(restitution=None, friction=None):
+    import pybullet as p
+    from hcbench.engines.pybullet.model.open import LiveWorld
+    at = {{"physicsClientId": p.connect(p.DIRECT)}}
+    p.setGravity(0, 0, 0, **at)
+    p.setTimeStep(1e-3, **at)
+    none = dict(restitutionVelocityThreshold=0, contactSlop=0, contactERP=0)
+    p.setPhysicsEngineParameter(**none, **at)
+    box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[5, 5, .5], **at)
+    plate = p.createMultiBody(0, box, basePosition=[0, 0, -.5], **at)
+    sphere = p.createCollisionShape(p.GEOM_SPHERE, radius=.05, **at)
+    ball = p.createMultiBody(1, sphere, basePosition=[0, 0, .1], **at)
+    for body in (ball, plate):
+        p.changeDynamics(body, -1, contactProcessingThreshold=0, **at)
+    if restitution is not None:
+        p.changeDynamics(ball, -1, restitution=restitution, lateralFriction=2 * friction, **at)
+        p.changeDynamics(plate, -1, restitution=1, lateralFriction=.5, **at)
+    return LiveWorld(at["physicsClientId"], ball, plate)
+def direct():
+    return make({numbers})
 """
 VARY = ["friction=0.2, 0.9", "solref.0=-9000:-1000:5"]
 ROWS = 10
@@ -123,10 +148,24 @@ def in_own_steps(text: str) -> tuple[float, float, float]:
     return min(e), max(e), ratio
 
 
-def test_only_the_pair_is_varied(model: Path) -> None:
-    from hcbench.measuring.request import make_request
-    from hcbench.sim import registry
+@pytest.mark.skipif(not registry.is_there("pybullet"), reason="PyBullet is not installed")
+def test_in_pybullet_too_a_row_is_what_measure_prints(tmp_path: Path) -> None:
+    script = tmp_path / "world.py"
+    script.write_text(WORLD.format(numbers="0.8, 0.1"))
+    launch: dict[str, Any] = {"speeds": "1 m/s", "angle": "0, 45 deg", "engine": "pybullet"}
+    vary = ["restitution=0.3, 0.8", "friction=0.1"]
+    sweep_model(f"{script}:make", None, vary, tmp_path / "out", **launch)
+    table = pd.read_parquet(tmp_path / "out")
+    found = hb.measure(f"{script}:direct", diagnose=False, rest=False, **launch)
+    expected = pd.DataFrame([point.record(True) for point in found.curve])
+    swept_there = table[table["restitution_set"] == 0.8].reset_index(drop=True)
+    shared = [name for name in table if name in expected]
+    pd.testing.assert_frame_equal(swept_there[shared], expected[shared], check_exact=True)
+    np.testing.assert_allclose(table["restitution"], [0.3, 0.3, 0.8, 0.8], atol=2e-3)
+    np.testing.assert_allclose(table["impulse_ratio"], [0.0, 0.1, 0.0, 0.1], atol=1e-6)
 
+
+def test_only_the_pair_is_varied(model: Path) -> None:
     request = make_request("other,plate")
     engine: Any = registry.engine("mujoco")
     (before, after) = (
@@ -293,7 +332,7 @@ def test_a_worker_with_another_model_is_one_line(model: Path, tmp_path: Path) ->
     job = model_sweep._SweepJob(
         source=str(model),
         engine="mujoco",
-        request=hb.measuring.request.make_request("ball,plate"),
+        request=make_request("ball,plate"),
         wanted=None,
         tolerance=0.0,
         diagnose=False,
@@ -339,7 +378,7 @@ def test_another_sweep_does_not_get_mixed_in(
         (["--vary", "friction=1", "--vary", "friction=2"], "expected each parameter once"),
         (["--vary", "friction=1", "--shard", "4/3"], "--shard: '4/3'; expected NUMBER/OF"),
         (["--vary", "friction=1", "--device", "cpu"], "--device: given with a model"),
-        (["--vary", "friction=1", "--engine", "pybullet"], "expected one that varies contacts"),
+        (["--vary", "friction=1", "--engine", "drake"], "expected one that varies contacts"),
         (["--samples", "3"], "--samples: given without --vary"),
         ([], "is a model; expected --vary"),
     ],
