@@ -24,8 +24,10 @@ from small_sweeps import until, whole
 import hcbench as hb
 from hcbench.benchmark import model_sweep, store
 from hcbench.benchmark.model_sweep import ModelSweep, sweep_model
+from hcbench.benchmark.shard import Timeouts
 from hcbench.benchmark.vary import read_parameters, rows_of
 from hcbench.cli import run as cli
+from hcbench.measuring.curve import impacts_of
 from hcbench.measuring.request import make_request
 from hcbench.sim import registry
 from hcbench.system.errors import CannotRun, OutputError, UserError
@@ -190,12 +192,10 @@ def test_a_varied_step_is_that_of_timestep(model: Path, tmp_path: Path) -> None:
 def test_a_row_that_is_refused_or_fails_has_the_reason(
     model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = model_sweep.impacts_of
-
     def failing(opened: Any, request: Any) -> Any:
         if opened.model.pair_solref[0, 0] == -2000:
             raise RuntimeError("the solver lost its way")
-        return real(opened, request)
+        return impacts_of(opened, request)
 
     monkeypatch.setattr(model_sweep, "impacts_of", failing)
     with in_place():
@@ -341,10 +341,10 @@ def test_a_worker_with_another_model_is_one_line(model: Path, tmp_path: Path) ->
     part = model_sweep.Part(job, 0, ((1.0,),), "part")
     with in_place():
         with pytest.raises(CannotRun, match=r"ball\.xml is not there, or not the same"):
-            model_sweep.measure_part(part, model_sweep.Timeouts())
+            model_sweep.measure_part(part, Timeouts())
         other = replace(part, job=replace(job, versions=(("mujoco", "2.0"),)))
         with pytest.raises(CannotRun, match=r"has mujoco .*; expected mujoco 2\.0"):
-            model_sweep.measure_part(other, model_sweep.Timeouts())
+            model_sweep.measure_part(other, Timeouts())
 
 
 def test_another_sweep_does_not_get_mixed_in(
@@ -354,14 +354,15 @@ def test_another_sweep_does_not_get_mixed_in(
     other = tmp_path / "ball.xml"
     other.write_text(BALL.format(plate=STIFF, ball=""))
     with in_place():
-        for changed, what in (
-            ({"vary": ["friction=0.2"]}, "parameters"),
-            ({"speeds": "2 m/s"}, "launches"),
-            ({"part_rows": 3}, "rows in a part"),
-            ({"model": other}, "files"),
-        ):
+        changes: list[tuple[Path, dict[str, Any], str]] = [
+            (model, {"vary": ["friction=0.2"]}, "parameters"),
+            (model, {"speeds": "2 m/s"}, "launches"),
+            (model, {"part_rows": 3}, "rows in a part"),
+            (other, {}, "files"),
+        ]
+        for source, changed, what in changes:
             with pytest.raises(UserError, match=f"holds another sweep: {what}"):
-                swept(changed.pop("model", model), undisturbed, **changed)
+                swept(source, undisturbed, **changed)
         (tmp_path / "mine.parquet").write_bytes(b"")
         with pytest.raises(UserError, match="no part of this sweep"):
             swept(model, tmp_path)
