@@ -23,7 +23,7 @@ import numpy as np
 from hcbench.benchmark.plan import versions_here
 from hcbench.benchmark.run import imap_unordered, workers_for
 from hcbench.benchmark.shard import Timeouts
-from hcbench.benchmark.store import DESCRIPTION, GO_ON, open_files
+from hcbench.benchmark.store import DESCRIPTION, GO_ON, OF_A_MODEL, open_files
 from hcbench.benchmark.tables import digest, metadata_in, parquet, require_parquet
 from hcbench.benchmark.vary import TIMESTEP, read_parameters, read_shard, rows_of
 from hcbench.measuring.curve import curve_of, impacts_of
@@ -50,7 +50,6 @@ if TYPE_CHECKING:
     from hcbench.terms.impact import Floats, Launch
     from hcbench.terms.options import BodyPair, LaunchOptions, Quantity
 
-KIND = "hcbench sweep of a model"
 SCHEMA = 1
 PART_ROWS = 100
 # Of each point of `measure`: a sweep has no target.
@@ -72,16 +71,16 @@ class _SweepJob(Job):
     versions: tuple[tuple[str, str], ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Part:
     """Some rows of parameters, which are measured together.
 
-    first: number of the first row in the sweep. name: of the file.
+    first: number of the first row in the sweep. rows: (n, number of parameters). name: of the file.
     """
 
     job: _SweepJob
     first: int
-    rows: tuple[tuple[float, ...], ...]
+    rows: Floats
     name: str
 
     def __str__(self) -> str:
@@ -280,7 +279,7 @@ def _described(job: _SweepJob, facts: Facts, rows: Floats, part_rows: int) -> di
     launches = {name: value for name, value in asdict(job.request).items() if value is not None}
     return {
         "schema": SCHEMA,
-        "kind": KIND,
+        "kind": OF_A_MODEL,
         "model": facts.model,
         "files": job.files,
         "engine": job.engine,
@@ -303,7 +302,7 @@ def _parts(job: _SweepJob, rows: Floats, size: int, described: Mapping[str, Any]
         own = rows[first : first + size]
         number = digest(f"{prefix}{first}:".encode() + own.tobytes())
         name = f"part-{first:08d}-{number}.parquet"
-        parts.append(Part(job, first, tuple(map(tuple, own.tolist())), name))
+        parts.append(Part(job, first, own, name))
     return parts
 
 
@@ -381,7 +380,7 @@ def measure_part(part: Part, timeouts: Timeouts) -> bytes:
     _require_same(job)
     measured = map_surviving_crashes(
         _measured_rows,
-        part.rows,
+        part.rows.tolist(),
         job,
         lost=lambda _, reason: [_without_e("crashed", reason)],
         limit=timeouts.start,
@@ -460,7 +459,7 @@ def _table(part: Part, measured: Sequence[list[dict[str, Any]]]) -> bytes:
     set_to = {name: f"{name}_set" for name in job.names if name in shown}
     columns |= {(set_to | _COLUMN_OF).get(name, name): [] for name in job.names}
     columns |= {name: [] for name in (*shown, "status", "reason")}
-    for i, (row, points) in enumerate(zip(part.rows, measured, strict=True)):
+    for i, (row, points) in enumerate(zip(part.rows.tolist(), measured, strict=True)):
         for point in points:
             values = (part.first + i, *row, *(point[name] for name in (*shown, "status", "reason")))
             for column, value in zip(columns.values(), values, strict=True):

@@ -338,7 +338,7 @@ def test_a_worker_with_another_model_is_one_line(model: Path, tmp_path: Path) ->
         diagnose=False,
         files="0123456789abcdef",
     )
-    part = model_sweep.Part(job, 0, ((1.0,),), "part")
+    part = model_sweep.Part(job, 0, np.ones((1, 1)), "part")
     with in_place():
         with pytest.raises(CannotRun, match=r"ball\.xml is not there, or not the same"):
             model_sweep.measure_part(part, Timeouts())
@@ -348,7 +348,7 @@ def test_a_worker_with_another_model_is_one_line(model: Path, tmp_path: Path) ->
 
 
 def test_another_sweep_does_not_get_mixed_in(
-    model: Path, tmp_path: Path, undisturbed: Path
+    model: Path, tmp_path: Path, undisturbed: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = whole(undisturbed)
     other = tmp_path / "ball.xml"
@@ -363,6 +363,8 @@ def test_another_sweep_does_not_get_mixed_in(
         for source, changed, what in changes:
             with pytest.raises(UserError, match=f"holds another sweep: {what}"):
                 swept(source, undisturbed, **changed)
+        assert cli(["report", str(undisturbed), "--out", str(tmp_path / "page")]) == 2
+        assert "holds a sweep of a model" in capsys.readouterr().err
         (tmp_path / "mine.parquet").write_bytes(b"")
         with pytest.raises(UserError, match="no part of this sweep"):
             swept(model, tmp_path)
