@@ -29,6 +29,7 @@ from hcbench.benchmark.vary import TIMESTEP, read_parameters, read_shard, rows_o
 from hcbench.measuring.curve import curve_of, impacts_of
 from hcbench.measuring.measure import LIMIT_S, Job, run_job, source_of
 from hcbench.measuring.request import is_python, make_request, read_limit
+from hcbench.measuring.rest import ANY_REST
 from hcbench.sim import registry
 from hcbench.sim.capabilities import VariesContacts
 from hcbench.sim.remote import interpreter_of
@@ -37,7 +38,7 @@ from hcbench.system.files import json_text, parse_json, unwritable
 from hcbench.system.outputs import input_files
 from hcbench.system.text import sanitized
 from hcbench.terms.bounds import admits_beyond_bounds, beyond_bounds
-from hcbench.terms.records import CURVE_POINT, keys, record
+from hcbench.terms.records import CURVE_POINT, REST, keys, record
 from hcbench.workers import map_surviving_crashes, use_own_worker
 
 if TYPE_CHECKING:
@@ -54,6 +55,8 @@ SCHEMA = 1
 PART_ROWS = 100
 # Of each point of `measure`: a sweep has no target.
 _POINT = tuple(f for f in CURVE_POINT if f.name not in ("target", "error", "error_worst_phase"))
+# Columns of the pair at rest.
+_REST = tuple(f"rest_{key}" for key in keys(REST))
 _COLUMN_OF = {TIMESTEP: "timestep_s"}
 # Key of a file's metadata: what came of its rows.
 _COUNTS = "hcbench.counts"
@@ -133,6 +136,7 @@ def sweep_model(
     seed: int = 0,
     shard: str = "1/1",
     part_rows: int = PART_ROWS,
+    rest: bool = False,
     engine: str | None = None,
     limit: Quantity | None = None,
     jobs: int = 1,
@@ -150,6 +154,7 @@ def sweep_model(
     samples, seed: draw so many rows at random; None: the grid.
     shard: "3/20" measures each 20th part, from the third on.
     part_rows: rows in a file.
+    rest: whether to measure the pair at rest, too.
     jobs, scheduler, executor: as `benchmark.run.sweep` takes them.
     progress: called at the start and after each part.
 
@@ -172,6 +177,7 @@ def sweep_model(
         wanted=None,
         tolerance=0.0,
         diagnose=False,
+        rest=ANY_REST if rest else None,
         names=tuple(parameter.name for parameter in parameters),
         files=_model_digest(_source(model)),
         beyond_bounds=admits_beyond_bounds(),
@@ -286,6 +292,7 @@ def _described(job: _SweepJob, facts: Facts, rows: Floats, part_rows: int) -> di
         "versions": dict(job.versions),
         "pair": list(facts.pair),
         "launches": launches,
+        "at_rest": job.rest is not None,
         "parameters": list(job.names),
         "rows": len(rows),
         "rows_digest": digest(rows.tobytes()),
@@ -367,8 +374,9 @@ def _difference(there: bytes, here: str) -> str:
 
 
 def measure_part(part: Part, timeouts: Timeouts) -> bytes:
-    """Measure the rows of a part in a worker process; return the bytes of its file, the same on
-    every machine that has the same versions.
+    """Measure the rows of a part in a worker process; return the bytes of its file.
+
+    They depend on the part alone, and in the last digits on the kind of processor.
 
     timeouts: `start` is the processor time of one row, s. A row on which the engine crashes or hangs
     has the status "crashed", with the reason. Raises CannotRun where versions or the model's files
@@ -423,10 +431,14 @@ def _measured(varied: VariedContact, job: _SweepJob, row: Sequence[float]) -> li
     try:
         with varied.open(request, values) as model:
             impacts = impacts_of(model, request)
+            lies = model.at_rest() if job.rest else None
     except UserError as error:
         return [_without_e("refused", str(error))]
     except Exception as error:
         return [_without_e("crashed", f"{type(error).__name__}: {error}")]
+    at_rest: dict[str, Any] = dict.fromkeys(_REST, math.nan)
+    if lies is not None:
+        at_rest = dict(zip(_REST, record(REST, lies).values(), strict=True))
     reasons: dict[Launch, str] = {}
     for impact in impacts:
         if not impact.is_measured:
@@ -437,13 +449,13 @@ def _measured(varied: VariedContact, job: _SweepJob, row: Sequence[float]) -> li
         status = "failed" if math.isnan(point.restitution) else "measured"
         # A launch at one phase may have failed although others have an e.
         reason = reasons.get(place, "")
-        points.append({**record(_POINT, point), "status": status, "reason": reason})
+        points.append({**record(_POINT, point), **at_rest, "status": status, "reason": reason})
     return points
 
 
 def _without_e(status: str, reason: str) -> dict[str, Any]:
     """The record of a row that has no point."""
-    nothing: dict[str, Any] = dict.fromkeys(keys(_POINT), math.nan)
+    nothing: dict[str, Any] = dict.fromkeys((*keys(_POINT), *_REST), math.nan)
     return {**nothing, "samples": 0, "failed": 0, "status": status, "reason": reason}
 
 
@@ -454,6 +466,8 @@ def _table(part: Part, measured: Sequence[list[dict[str, Any]]]) -> bytes:
     """
     job = part.job
     shown = [f.key for f in _POINT if job.request.is_oblique or not f.oblique]
+    if job.rest:
+        shown += _REST
     columns: dict[str, list[Any]] = {"row": []}
     # A parameter may have the name of what is measured.
     set_to = {name: f"{name}_set" for name in job.names if name in shown}

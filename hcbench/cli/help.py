@@ -67,7 +67,7 @@ _OWN: dict[str, Mapping[str, Sequence[str]]] = {
     },
     "land": {"Drops": ("heights", "tilt", "controller")},
     "randomize": {"Worlds": ("restitution", "friction", "worlds", "seed")},
-    "sweep": {"Of a MODEL": ("vary", "samples", "seed", "shard", "part-rows")},
+    "sweep": {"Of a MODEL": ("vary", "samples", "seed", "shard", "part-rows", "rest")},
 }
 # Groups that a help shows only beside the word that they belong to: `hcbench report reality --help`.
 _ONLY_WITH = {"Study `reality`": "reality", "Your own toss": "reality"}

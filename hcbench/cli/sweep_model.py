@@ -46,6 +46,7 @@ _OPTIONS = (
         type=click.IntRange(min=1),
         help="Rows of parameters in a file.  [default: 100]",
     ),
+    click.option("--rest", is_flag=True, help="Measure the pair at rest, too: more columns."),
     options(*LAUNCHES, "engine", "limit"),
 )
 

@@ -189,6 +189,21 @@ def test_a_varied_step_is_that_of_timestep(model: Path, tmp_path: Path) -> None:
         assert one.curve[0].restitution == e
 
 
+def test_at_rest_a_row_is_what_measure_prints(model: Path, tmp_path: Path) -> None:
+    launch: dict[str, Any] = {"speeds": 1, "phases": 1, "gravity": 9.81}
+    with in_place():
+        swept(model, tmp_path, vary=["solref.0=-9000, -1000"], rest=True, **launch)
+    rows = pd.read_parquet(tmp_path)
+    soft = 'solref="-1000 -20"'
+    text = BALL.format(plate=soft, ball=soft)
+    lies = hb.measure(text, "ball,plate", diagnose=False, **launch).rest
+    assert lies is not None
+    assert rows["rest_penetration_m"][1] == lies.penetration
+    assert rows["rest_vibration_m_per_s"][1] == lies.vibration
+    # It lies about g/k deep, and k is nine times as large.
+    assert rows["rest_penetration_m"][0] < rows["rest_penetration_m"][1] / 5
+
+
 def test_a_row_that_is_refused_or_fails_has_the_reason(
     model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
