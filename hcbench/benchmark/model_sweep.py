@@ -190,24 +190,11 @@ def sweep_model(
     every = _parts(job, rows, part_rows, described)
     with _output_errors(files):
         there = _begin(files, described, {part.name for part in every})
-    mine = every[number::shards]
-    now = ModelSweep(rows=0, of=sum(len(part.rows) for part in mine))
-    missing: list[Part] = []
-    for part in mine:
-        content = None
-        if part.name in there:
-            with _output_errors(files):
-                content = files.read(part.name)
-        try:
-            if content is None:
-                missing.append(part)
-            else:
-                now = replace(now.with_part(len(part.rows), content), there=now.there + 1)
-        except (ValueError, OSError, KeyError):
-            missing.append(part)
-            now = replace(now, damaged=(*now.damaged, part.name))
+    now, missing = _state_of(files, every[number::shards], there)
     report = progress or (lambda _: None)
     report(now)
+    if not missing:
+        return now
     least = getattr(registry.engine(facts.engine), "limit", 0.0)
     timeouts = Timeouts(start=seconds or max(LIMIT_S, least))
     with workers_for(executor, scheduler, jobs) as workers:
@@ -346,6 +333,29 @@ def _begin(files: Files, described: Mapping[str, Any], wanted: set[str]) -> set[
     if DESCRIPTION not in names:
         files.write(DESCRIPTION, content.encode())
     return wanted.intersection(names)
+
+
+def _state_of(
+    files: Files, parts: Sequence[Part], there: set[str]
+) -> tuple[ModelSweep, list[Part]]:
+    """The state of a sweep when it begins, and its parts that are missing or cut short.
+
+    there: names of the files in the folder.
+    """
+    now = ModelSweep(rows=0, of=sum(len(part.rows) for part in parts))
+    missing: list[Part] = []
+    for part in parts:
+        if part.name not in there:
+            missing.append(part)
+            continue
+        with _output_errors(files):
+            content = files.read(part.name)
+        try:
+            now = replace(now.with_part(len(part.rows), content), there=now.there + 1)
+        except (ValueError, OSError, KeyError):
+            missing.append(part)
+            now = replace(now, damaged=(*now.damaged, part.name))
+    return now, missing
 
 
 def _require_ours(files: Files, described: Mapping[str, Any]) -> None:
