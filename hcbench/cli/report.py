@@ -260,7 +260,7 @@ def sweep(
     scheduler: str | None,
     **of_model: Any,
 ) -> None:
-    """Run a study of any size, or measure a model under many contact parameters, in parts.
+    """Run a study, or measure a model under many contacts, in parts.
 
     Finished parts survive an interruption. Together they are one table
     for pandas and `hcbench report`.
