@@ -163,7 +163,7 @@ def sweep(
     store = Store(open_files(os.fspath(folder)))
     # A plan may take a minute of searches: not for a folder that is none.
     store.require_folder()
-    with _workers(executor, scheduler, jobs) as workers:
+    with workers_for(executor, scheduler, jobs) as workers:
         plan = make_plan(study, workers.mapper)
         with store.locked():
             return run_plan(
@@ -172,7 +172,7 @@ def sweep(
 
 
 @contextmanager
-def _workers(executor: Executor | None, scheduler: str | None, jobs: int) -> Iterator[Workers]:
+def workers_for(executor: Executor | None, scheduler: str | None, jobs: int) -> Iterator[Workers]:
     """The executor of a sweep: one that is given, a Dask cluster, or a pool of our own.
 
     executor: stays open after the block; the cluster's client and our pool do not. scheduler:
@@ -237,13 +237,13 @@ def run_plan(
         drops = plan_drops(plan, workers.mapper)
         # Drops end in any order; the file has them in that of the plan.
         end_of = {}
-        for drop, end in _imap_unordered(workers, run_bounces, drops, timeouts):
+        for drop, end in imap_unordered(workers, run_bounces, drops, timeouts):
             end_of[id(drop)] = end
         dropped = [(drop, end_of[id(drop)]) for drop in drops]
         store.write_bounces(bounce_table(dropped, plan.study.main_alpha, encode))
     missing = (number for number in range(len(plan)) if number not in done)
     run = partial(run_shard, encode=encode)
-    for shard, files in _imap_unordered(workers, run, map(plan.shard, missing), timeouts):
+    for shard, files in imap_unordered(workers, run, map(plan.shard, missing), timeouts):
         store.write_shard(files, len(plan))
         totals.add(files.summaries)
         now = replace(now, impacts=now.impacts + len(shard), shards=now.shards + 1)
@@ -254,7 +254,7 @@ def run_plan(
     return now
 
 
-def _imap_unordered(
+def imap_unordered(
     workers: Workers,
     function: Callable[[Job, Timeouts], Result],
     jobs: Iterable[Job],

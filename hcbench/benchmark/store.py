@@ -300,6 +300,8 @@ def _taken(where: str, owner: str) -> CannotRun:
 
 # Files and folders of a sweep beside its shards.
 DESCRIPTION = "_sweep.json"
+# What the description of `model_sweep` says it is.
+OF_A_MODEL = "hcbench sweep of a model"
 SUMMARY_FILE = "_summary.csv"
 LOOPS = "_loops"
 DAMAGED = "_damaged"
@@ -373,6 +375,9 @@ class Store:
         schema = description.get("schema")
         if schema == SCHEMA and description.get("kind") == "hcbench sweep":
             return
+        if description.get("kind") == OF_A_MODEL:
+            got = f"{self.where} holds a sweep of a model, which has no page"
+            raise UserError("folder", got, "that of a study", "pandas.read_parquet reads it")
         got = "no table in JSON"
         if description:
             got = f"schema {schema!r:.40}"

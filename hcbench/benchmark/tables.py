@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     Encode = Callable[[Sequence[Mapping[str, Any]], Sequence[str], Mapping[str, bytes]], bytes]
 
 _TEXTS = ("scene", "engine", "setting", "status", "reason")
-_WHOLE = ("samples", "bounce")
+_WHOLE = ("samples", "bounce", "row", "failed")
 # First bytes of a Parquet file.
 _PARQUET = b"PAR1"
 # Prefixes of the names of arrays that are not columns.

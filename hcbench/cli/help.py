@@ -76,6 +76,7 @@ _OWN: dict[str, Mapping[str, Sequence[str]]] = {
     },
     "land": {"Drops": ("heights", "tilt", "controller")},
     "randomize": {"Worlds": ("restitution", "friction", "worlds", "seed")},
+    "sweep": {"Of a MODEL": ("vary", "samples", "seed", "shard", "part-rows", "rest")},
 }
 # Groups that a help shows only beside the word that they belong to: `hcbench report reality --help`.
 _ONLY_WITH = {"Study `reality`": "reality", "Your own toss": "reality"}
@@ -131,7 +132,13 @@ _EXAMPLES: dict[str, tuple[str, Sequence[str]]] = {
     ),
     "convert": ("howto/tune", ['--alpha "0.3 s/m" --speed "0.5 m/s"', '--drake "0.45 s/m"']),
     "report": ("reference/report", ["--quick", "my/study.toml --out my/report --jobs 2", "field"]),
-    "sweep": ("howto/sweeps", ["my/study.toml --out my/sweep --jobs 2"]),
+    "sweep": (
+        "howto/sweeps",
+        [
+            "my/study.toml --out my/sweep --jobs 2",
+            "my.xml --pair foot,floor --vary friction=0.3:1:5 --out my/runs",
+        ],
+    ),
     "paper": ("explanation/paper", ["--quick"]),
     "cases": ("howto/cases", ["run mujoco pybullet", "score results.json"]),
     "engines": ("howto/versions", ["-v", "add mujoco@3.3.0"]),

@@ -14,6 +14,7 @@ import click
 
 from hcbench.cli.console import MASS, PathType, device_option, jobs_option, progress
 from hcbench.cli.help import command
+from hcbench.cli.sweep_model import model_options, require_study, sweep_a_model
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -253,17 +254,29 @@ def report(
 @click.option(
     "--scheduler", help="Address of a Dask scheduler, tcp://HOST:8786, to run on its workers."
 )
+@model_options
 def sweep(
-    study: str, out: str | None, jobs: int, resume: bool, device: str | None, scheduler: str | None
+    study: str,
+    out: str | None,
+    jobs: int,
+    resume: bool,
+    device: str | None,
+    scheduler: str | None,
+    **of_model: Any,
 ) -> None:
-    """Run a study of any size, in parts.
+    """Run a study, or measure a model under many contacts, in parts.
 
     Finished parts survive an interruption. Together they are one table
     for pandas and `hcbench report`.
 
     STUDY is a study.toml, its folder, or a built-in name. The folder's
-    _summary.csv is kept up to date.
+    _summary.csv is kept up to date. With --vary it is a model: MJCF, or FILE.py:FUNCTION.
     """
+    if of_model["vary"]:
+        # Without --resume, too: what is there is of the same rows, and stays.
+        sweep_a_model(study, out, jobs, scheduler, device, **of_model)
+        return
+    require_study(of_model, study)
     with progress("reading the study"):
         from hcbench.benchmark.run import sweep as run
         from hcbench.reporting.ask import find_plan

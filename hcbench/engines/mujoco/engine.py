@@ -37,6 +37,7 @@ from hcbench.sim.capabilities import (
     LandsRobots,
     RandomizesContacts,
     TunesModels,
+    VariesContacts,
 )
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.read_impact import SpeedReading
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
 
     from hcbench.engines.mujoco.model.under_test import MujocoModel
     from hcbench.laws.restitution import RestitutionCurve
-    from hcbench.sim.capabilities import ContactFamily
+    from hcbench.sim.capabilities import ContactFamily, VariedContact
     from hcbench.sim.landing import DropPlan, DropTest, Landings, ReboundSettings
     from hcbench.sim.loads import LandingPeak
     from hcbench.sim.model_under_test import CandidatePair, ModelSetting, Request
@@ -127,7 +128,13 @@ _DOCS = "MuJoCo documentation, Computation: Soft contact model"
 
 
 class MujocoEngine(
-    DescribesContact, HasPlugin, RandomizesContacts, TunesModels, LandsRobots, SteppedEngine
+    DescribesContact,
+    HasPlugin,
+    RandomizesContacts,
+    VariesContacts,
+    TunesModels,
+    LandsRobots,
+    SteppedEngine,
 ):
     """MuJoCo behind its Python bindings, 3.3 and later."""
 
@@ -383,6 +390,17 @@ class MujocoEngine(
         from hcbench.engines.mujoco.model.worlds import families
 
         return families(_one_file(source), requests)
+
+    def varied(
+        self,
+        source: Any,
+        request: Request,
+        rebuild: Callable[[], Any] | None = None,
+    ) -> VariedContact:
+        """A <pair> for every two geoms of the pair; errors as of `vary.VariedPair`."""
+        from hcbench.engines.mujoco.model.vary import VariedPair
+
+        return VariedPair(_one_file(source), request)
 
     def land(
         self,

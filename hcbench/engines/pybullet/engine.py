@@ -32,6 +32,7 @@ from hcbench.sim.capabilities import (
     HasPlugin,
     LandsRobots,
     TunesModels,
+    VariesContacts,
 )
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.rest import UNKNOWN, Standing
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 
     from hcbench.engines.pybullet.model.under_test import PybulletModel
     from hcbench.laws.restitution import RestitutionCurve
+    from hcbench.sim.capabilities import VariedContact
     from hcbench.sim.landing import DropPlan, Landings
     from hcbench.sim.model_under_test import CandidatePair, ModelSetting, Request
     from hcbench.sim.promise import Promise
@@ -60,7 +62,9 @@ _CAVEAT = (
 )
 
 
-class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, SteppedEngine):
+class PybulletEngine(
+    DescribesContact, HasPlugin, VariesContacts, TunesModels, LandsRobots, SteppedEngine
+):
     """Bullet 3 behind its Python module."""
 
     name = "pybullet"
@@ -172,6 +176,14 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Step
         from hcbench.engines.pybullet.model.under_test import open_world
 
         return open_world(source, request, rebuild)
+
+    def varied(
+        self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
+    ) -> VariedContact:
+        """A world that is made again with other restitution and friction of the pair."""
+        from hcbench.engines.pybullet.model.vary import VariedWorld
+
+        return VariedWorld(source, request, rebuild)
 
     def pairs(
         self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None

@@ -551,7 +551,7 @@ def open_world(source: Any, request: Request, rebuild: Callable[[], Any] | None)
     rebuild: makes the `World` or client again, where a function built it; None where none did.
     Raises SceneError for files that do not load, and the errors of `PybulletModel`.
     """
-    return PybulletModel(*_loaded(source, rebuild, request.packages), request)
+    return PybulletModel(*loaded(source, rebuild, request.packages), request)
 
 
 def list_pairs_of(
@@ -563,7 +563,7 @@ def list_pairs_of(
     it. Raises SceneError for files that do not load, UserError for a pose that does not fit or one
     file alone, EngineFailed where PyBullet dies.
     """
-    world, _ = _loaded(source, rebuild, request.packages)
+    world, _ = loaded(source, rebuild, request.packages)
     try:
         return run_aside(world.bullet, lambda: _listed(world, request))
     finally:
@@ -581,7 +581,7 @@ def land_in(
     it. Raises SceneError for files that do not load, UserError where there is no robot or nothing
     to land on, EngineFailed where a velocity is no longer finite.
     """
-    world, _ = _loaded(source, rebuild, request.packages)
+    world, _ = loaded(source, rebuild, request.packages)
     try:
         return land(world, request, drops)
     finally:
@@ -610,7 +610,7 @@ def _listed(world: LoadedWorld, request: Request) -> list[CandidatePair]:
     return list_pairs(world)
 
 
-def _loaded(
+def loaded(
     source: Any, rebuild: Callable[[], Any] | None, packages: Packages
 ) -> tuple[LoadedWorld, Callable[[], LoadedWorld] | None]:
     """(the world, function that makes it again; None for a live client).
@@ -651,7 +651,7 @@ def model_settings(
     Raises UserError for a live client, and for a part that would need two restitutions; also what
     opening raises.
     """
-    world, build = _loaded(source, rebuild, requests[0].packages)
+    world, build = loaded(source, rebuild, requests[0].packages)
     if build is None:
         if world.disconnect:
             world.bullet.disconnect()
