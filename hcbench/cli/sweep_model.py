@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench.cli.console import options
-from hcbench.cli.terminal import progress, show
+from hcbench.cli.console import options, progress, show
 from hcbench.system.errors import UserError
 from hcbench.terms.options import LAUNCHES
 

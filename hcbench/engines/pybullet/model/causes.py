@@ -136,12 +136,12 @@ def _apply(bullet: BulletClient, calls: Sequence[Call]) -> None:
 
 
 def _fix_restitutions(
-    bullet: BulletClient, sides: Sequence[BodyPart], values: Sequence[float]
+    sides: Sequence[BodyPart], values: Sequence[float]
 ) -> tuple[str, Callable[[BulletClient], None]]:
-    calls = []
-    for side, e in zip(sides, values, strict=True):
-        calls.append(Call({"restitution": e, **without_spring(bullet, side)}, side))
-    return _fix(*calls)
+    """A fix that sets the restitution of links; a spring of theirs stays, for it is a cause of its
+    own.
+    """
+    return _fix(*(Call({"restitution": e}, side) for side, e in zip(sides, values, strict=True)))
 
 
 def without_spring(bullet: BulletClient, side: BodyPart) -> dict[str, float]:
@@ -221,7 +221,7 @@ def _unset_restitutions(c: BulletContext) -> Iterator[Suspect]:
         assumed_e = math.prod(positive) if positive else diagnose.BOUNCY
     report = partial(Suspect, always_reported=True, assumed_e=assumed_e)
     if foreign_sides:
-        text, apply = _fix_restitutions(c.bullet, foreign_sides, foreign_values)
+        text, apply = _fix_restitutions(foreign_sides, foreign_values)
         e = foreign_values[0]
         yield report(
             "foreign-restitution",
@@ -231,7 +231,7 @@ def _unset_restitutions(c: BulletContext) -> Iterator[Suspect]:
             apply,
         )
     if not positive:
-        text, apply = _fix_restitutions(c.bullet, c.sides, (c.fix_e, 1.0))
+        text, apply = _fix_restitutions(c.sides, (c.fix_e, 1.0))
         yield report(
             "no-restitution",
             "Neither of the two has a restitution: an unset one is 0.",
@@ -243,7 +243,7 @@ def _unset_restitutions(c: BulletContext) -> Iterator[Suspect]:
         unset, other = c.sides
         if values[0] != 0.0:
             unset, other = other, unset
-        text, apply = _fix_restitutions(c.bullet, [unset], [1.0])
+        text, apply = _fix_restitutions([unset], [1.0])
         yield report(
             "other-body",
             f"The restitution of {unset.name!r} is not set: the two multiply, so the pair has e = 0.",
@@ -262,7 +262,7 @@ def _restitution_product(c: BulletContext) -> Iterator[Suspect]:
     product = first * second
     e = c.fix_e
     if product > 0.0 and c.wanted is not None and abs(product - e) > _SAME_E:
-        text, apply = _fix_restitutions(c.bullet, c.sides, (e, 1.0))
+        text, apply = _fix_restitutions(c.sides, (e, 1.0))
         yield Suspect(
             "product",
             "The product of the two restitutions is not the target e.",
@@ -345,7 +345,7 @@ def _few_steps(c: BulletContext) -> Iterator[Suspect]:
             "energy-gain",
             "The restitutions of the two multiply to more than 1: every bounce adds energy.",
             f"{first:g} x {second:g} = {first * second:.4g}",
-            *_fix_restitutions(c.bullet, c.sides, (1.0, 1.0)),
+            *_fix_restitutions(c.sides, (1.0, 1.0)),
         )
     elif c.is_spring:
         step = diagnose.StepFix(

@@ -597,7 +597,7 @@ def touchdowns_in(
 
     Raises SceneError for files that do not load, and the errors of `touchdowns`.
     """
-    world, _ = _loaded(source, None, request.packages)
+    world, _ = loaded(source, None, request.packages)
     try:
         return run_aside(world.bullet, lambda: touchdowns(world, request, recorded))
     finally:
