@@ -271,8 +271,8 @@ def test_a_landing_shows_each_warning_of_the_plugin_once() -> None:
     landings = hcbench.land(driven_wheel(), heights="5, 10 cm")
     assert len(set(landings.notes)) == len(landings.notes)
     assert all(any(words in note for note in landings.notes) for words in (STOPS, TURNS, DEEPER))
-    shown = " ".join(landing_text([landings]).split())  # long notes take several lines
-    assert all(shown.count(f"note: {note}") == 1 for note in landings.notes)
+    shown = landing_text([landings])
+    assert all(shown.count(f"note: {note}\n") == 1 for note in landings.notes)
 
 
 def test_measure_and_check_show_the_plugins_warning_once(tmp_path: Path) -> None:
