@@ -256,6 +256,7 @@ def _words(name: str) -> list[str]:
         .replace("^2", " squared ")
     )
     name = re.sub(r"(?<=[a-zа-я])(?=[A-ZА-Я])", " ", name)
+    name = re.sub(r"(?<!\w)[nN][.°º](?!\w)", " # ", name)
     signed = _SIGNED.fullmatch(name.strip())
     if signed is not None:
         name = f"{signed[1]} {_SIGNS[signed[2]]}"
@@ -391,8 +392,10 @@ def _role_of_meanings(found: set[str], unit: str) -> str:
     for role, needed, allowed in _ROLES:
         if needed <= found <= needed | allowed:
             return role
-    if len(found) == 1 and unit:
-        (meaning,) = found
+    # "touch no. 3 [ms]" has the time of the touch.
+    bare = found - {"number"}
+    if len(bare) == 1 and unit:
+        (meaning,) = bare
         for quantity in QUANTITIES_OF_COLUMNS:
             if is_unit_of(unit, quantity):
                 return _BY_QUANTITY.get((meaning, quantity), "")
@@ -402,6 +405,9 @@ def _role_of_meanings(found: set[str], unit: str) -> str:
 def is_beside(name: str) -> bool:
     """Say whether programs and people write such a column besides the data."""
     found = {meaning for meaning in meanings_of(name) if not meaning.isdigit()}
+    if "number" in found:
+        # "flight no."
+        found.discard("interval")
     return bool(found) and (found <= _BESIDE or "beside" in found)
 
 
@@ -525,10 +531,10 @@ def _with_unit(name: str, unit: str) -> tuple[str, str]:
 def plain_unit(text: str) -> str:
     """A unit in the word that Pint knows: "s" of "Sekunden", "m/s" of "м/с"; else as it is."""
     text = text.strip().strip("[](){}").strip()
-    found = _unit_words().get(folded(text))
-    if found is not None:
-        return found
-    return text
+    known = _unit_words()
+    # "cm." at the end of a sentence, or as an abbreviation.
+    bare = text.rstrip(".")
+    return known.get(folded(text)) or (len(bare) > 1 and known.get(folded(bare))) or text
 
 
 @cache
