@@ -64,7 +64,7 @@ _WORD = re.compile(r"[^\W\d][\w./^-]*")
 # Words between the name of a list and its numbers.
 _OF_PROGRAMS = re.compile(
     r"(?:(?:np|numpy|array|c|list|tuple|series|out|in|double|float|real|vec|vector|var|let|const"
-    r"|static|u?int\d*(?:_t)?|text|plain|time\.duration)\b[.]?)+",
+    r"|static|constexpr|unsigned|long|progmem|u?int\d*(?:_t)?|text|plain|time\.duration)\b[.]?)+",
     re.IGNORECASE,
 )
 # Meanings of words that make another quantity of what they stand before.

@@ -8,7 +8,7 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from hcbench.fitting.cells import NumberStyle, counts, is_missing, looks_numeric, style_of
+from hcbench.fitting.cells import counts, is_missing, looks_numeric, style_of
 from hcbench.fitting.column_names import (
     NO_UNIT,
     QUANTITIES_OF_COLUMNS,
@@ -24,12 +24,13 @@ from hcbench.fitting.column_names import (
 )
 from hcbench.fitting.drops import LEAST_ROWS, drops_of
 from hcbench.fitting.separators import listed_names, names_in_brackets, trimmed
-from hcbench.fitting.table import Table
+from hcbench.fitting.table import Table, cell_of
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from hcbench.fitting.cells import NumberStyle
     from hcbench.fitting.separators import Row
     from hcbench.fitting.sheets import Sheet
 
@@ -41,6 +42,7 @@ _SUMS = {
     *("suma", "var", "variance"),
 }
 # Rows above a sum, at least; share by which rounding changes one.
+_PLAIN = re.compile(r"\d+(?:\.\d+)?")
 _LEAST_SUMMED = 3
 _OF_A_SUM = 2e-3
 # Quantities whose units a line before the table may name.
@@ -220,21 +222,13 @@ def _sums_up(cells: Sequence[str]) -> bool:
 
 
 def _is_total(cells: Sequence[str], above: Sequence[Sequence[str]]) -> bool:
-    """Say whether a row has a word, and below each column the sum of its numbers."""
-    if looks_numeric(cells[0]) or not all(looks_numeric(row[0]) for row in above):
-        return False
+    """Say whether a row has a word, and after it the sum of a column of numbers above."""
     given = [i for i, cell in enumerate(cells) if looks_numeric(cell)]
-
-    def number(text: str) -> float:
-        found = NumberStyle("," if "," in text else ".").read(text)
-        return math.nan if found is None else found.value
-
-    return bool(given) and all(
-        abs(math.fsum(number(row[i]) for row in above if len(row) > i) / number(cells[i]) - 1.0)
-        < _OF_A_SUM
-        for i in given
-        if number(cells[i])
-    )
+    if looks_numeric(cells[0]) or not given or not all(looks_numeric(row[0]) for row in above):
+        return False
+    texts = [cell_of(row, given[-1]).replace(",", ".") for row in (*above, cells)]
+    numbers = [float(text) for text in texts if _PLAIN.fullmatch(text)]
+    return len(numbers) > 1 and math.isclose(sum(numbers[:-1]), numbers[-1], rel_tol=_OF_A_SUM)
 
 
 def _header(
