@@ -97,26 +97,82 @@ def test_a_tune(beside: Any) -> None:
 
 MODEL = "scenes/steel-plane/scene.xml"
 MEASURED = (MODEL, "--pair", "ball,plate", "--speeds", "0.1, 0.3 m/s")
+QUADRUPED = "examples/quadruped.xml"
+FOOT = (QUADRUPED, "--pair", "left_front_foot,floor")
+TUNE = ("tune", "mujoco", "--alpha", "0.3 s/m", "--timestep", "2 ms")
 
 
 @pytest.mark.parametrize(
-    ("words", "must", "aim"),
+    ("words", "of", "must", "aim"),
     [
-        (("check", *MEASURED, "--restitution", "0.5", "--max-error", "1"), "0.7 s", "0.4 s"),
-        (("measure", *MEASURED), "0.7 s", "0.4 s"),
-        (("pairs", MODEL), "0.65 s", "0.4 s"),
-        (("law", "--alpha", "0.008 s/in", "--speed", "8 in/s"), "0.2 s", "0.15 s"),
-        (("convert", "--alpha", "0.008 s/in"), "0.45 s", "0.2 s"),
-        (("tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-3"), "2 s", "0.7 s"),
+        (("check", *MEASURED, "--restitution", "0.5", "--max-error", "1"), "", "0.7 s", "0.4 s"),
+        (("measure", *MEASURED), "", "0.7 s", "0.4 s"),
+        (("measure", *FOOT, "--alpha", "0.3 s/m"), "of README's quadruped", "1 s", "0.6 s"),
+        (("pairs", MODEL), "", "0.65 s", "0.4 s"),
+        (("land", QUADRUPED), "of README's quadruped", "1 s", "0.6 s"),
+        (("law", "--alpha", "0.008 s/in", "--speed", "8 in/s"), "", "0.2 s", "0.15 s"),
+        (("convert", "--alpha", "0.008 s/in"), "", "0.45 s", "0.2 s"),
+        (("tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-3"), "", "2 s", "0.7 s"),
+        ((*TUNE, "--plugin"), "--plugin", "0.8 s", "0.4 s"),
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )
 def test_processor_time_of_a_command(
-    beside: Any, words: tuple[str, ...], must: str, aim: str
+    beside: Any, words: tuple[str, ...], of: str, must: str, aim: str
 ) -> None:
     """Processor time of a command and its workers; most of it is imports."""
-    what = f"hcbench {words[0]}, processor time"
+    what = f"{' '.join(filter(None, ['hcbench', words[0], of]))}, processor time"
     beside(what, {"hcbench": lambda: processor(HCBENCH, *words)}, rounds=3, must=must, aim=aim)
+
+
+def test_processor_time_of_a_fit(beside: Any, tmp_path: Path) -> None:
+    """Processor time of `fit` with a table of five impacts."""
+    table = tmp_path / "speeds.csv"
+    pairs = ["0.2,0.19", "0.4,0.36", "0.8,0.64", "1.2,0.9", "1.6,1.1"]
+    table.write_text("\n".join(["v_in (m/s),v_out (m/s)", *pairs]))
+    fit = {"hcbench": lambda: processor(HCBENCH, "fit", str(table))}
+    beside("hcbench fit of a table, processor time", fit, rounds=3, must="0.8 s", aim="0.5 s")
+
+
+@pytest.mark.parametrize(
+    ("what", "file", "pair", "must", "aim"),
+    [
+        ("a sphere", "sphere2.urdf", "sphere2.urdf,plane.urdf", "1.5 s", "0.8 s"),
+        ("Laikago, a toe", "laikago/laikago_toes.urdf", "toeRL,planeLink", "4 s", "3 s"),
+    ],
+)
+def test_processor_time_of_measuring_a_urdf(
+    beside: Any, what: str, file: str, pair: str, must: str, aim: str
+) -> None:
+    """Processor time of `measure`, with its search for causes, in files of pybullet_data."""
+    data = Path(pytest.importorskip("pybullet_data").getDataPath())
+    words = ("measure", str(data / file), str(data / "plane.urdf"), "--pair", pair)
+    beside(
+        f"hcbench measure in PyBullet, {what}, processor time",
+        {"hcbench": lambda: processor(HCBENCH, *words)},
+        rounds=2,
+        must=must,
+        aim=aim,
+    )
+
+
+def test_processor_time_of_a_million_drops(beside: Any, tmp_path: Path) -> None:
+    """Processor time of a fifth of them, times five, with their files."""
+    study = tmp_path / "study.toml"
+    study.write_text(
+        'scene = "steel-plane"\nalphas = "0.002, 0.004, 0.008, 0.016 s/in"\n'
+        'speeds = "1:20:6250 in/s"\nphases = 8\n'
+        '[[run]]\nengine = "mujoco"\nrecipe = "spring-damper"\ntimesteps = "1 ms"\n'
+    )
+    number = iter(range(99))
+
+    def swept_once() -> float:
+        return 5 * processor(
+            HCBENCH, "sweep", str(study), "--out", str(tmp_path / str(next(number)))
+        )
+
+    what = "a million drops, MuJoCo at 1 ms, processor time"
+    beside(what, {"hcbench": swept_once}, rounds=2, must="20 s", aim="7 s")
 
 
 def swept(impacts: int, recipe: str, timestep: str) -> Any:

@@ -285,7 +285,7 @@ CHANGE = record(
         "before": LANDED,
         "after": LANDED,
         "worse": Texts,
-        "largest": record("LargestRebound", {"rebound_m": Number, "stiffer": list[STIFFER]}) | None,
+        "reach": record("Reach", {"rebound_m": Number, "stiffer": list[STIFFER]}) | None,
         "advice": Texts,
     },
 )
@@ -425,6 +425,7 @@ DROPPED = record(
     "RobotDrop",
     {
         **of_fields(*LANDING, records.LANDING_SPEED_OUT),
+        "other_phases": list[record("OtherPhase", of_fields(*LANDING))],
         "feet": list[of_class(Footfall)],
         **of_fields(records.LANDING_TIME, records.LANDING_FORCE),
     },

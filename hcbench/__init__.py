@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from hcbench.catalogue.find import Materials as Materials
     from hcbench.catalogue.find import materials
     from hcbench.catalogue.material import MaterialPair as MaterialPair
-    from hcbench.checking.ask import check
+    from hcbench.checking.command import check
     from hcbench.fitting.ask import fit, fit_force
     from hcbench.laws.force import HuntCrossley as HuntCrossley
     from hcbench.laws.force import KelvinVoigt as KelvinVoigt
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from hcbench.measuring import Measurement as Measurement
     from hcbench.measuring import Wanted as Wanted
     from hcbench.measuring.landing import land
+    from hcbench.measuring.landing import measure_trajectory as measure_trajectory
     from hcbench.measuring.measure import measure, pairs
-    from hcbench.measuring.trajectory import measure_trajectory as measure_trajectory
     from hcbench.recipes.target import Target as Target
     from hcbench.reporting.ask import report
     from hcbench.scoring import Score as Score
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 
 _VERBS = {
     "HcbenchError": "system.errors",
-    "check": "checking.ask",
+    "check": "checking.command",
     "convert": "sim.convert",
     "engine": "sim.registry",
     "fit": "fitting.ask",
@@ -100,7 +100,7 @@ _CLASSES = {
     "Wanted": "measuring.measurement",
     "beyond_bounds": "terms.bounds",
     "load_study": "benchmark.study",
-    "measure_trajectory": "measuring.trajectory",
+    "measure_trajectory": "measuring.landing",
     "run_study": "benchmark.run",
     "score": "scoring",
 }

@@ -357,7 +357,8 @@ def _grid(study: Study, run: Run, setting: Setting, timestep: float) -> LaunchGr
 
 
 def _cuts(grids: Iterable[LaunchGrid]) -> tuple[list[tuple[LaunchGrid, range]], list[int]]:
-    """Cut grids into shards: `cuts` and `starts` of a `Plan`.
+    """Cut grids into shards: (grid and numbers of its launches of each shard; number of the first
+    shard of each grid, and of all shards at the end).
 
     A shard has launches of one grid alone. The shards of a grid follow one another, and are of one
     size but for the last.
@@ -376,7 +377,7 @@ def _require_device(device: str, name: str) -> None:
     """Raises UserError for an engine that cannot compute on a device, CannotRun where this machine
     lacks the device.
 
-    device: as `Engine.devices` names it. name: of the engine.
+    device: such as "gpu". name: of the engine.
     """
     engine = registry.engine(name)
     if device not in engine.devices:

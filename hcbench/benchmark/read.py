@@ -74,8 +74,9 @@ class Gathered:
 def gather(job: tuple[Store, Mapping[str, Any], Sequence[tuple[int, str]]]) -> list[Gathered]:
     """Fold and score the shards of one setting, for each α.
 
-    job: their store, the study as `Study.described` gives it, and the shards' numbers and names, in
-    order. Raises UserError for a damaged shard, OutputError for one that cannot be read.
+    job: their store; the study as plain values, with defaults filled in, SI; and (number, file
+    name) of each shard, in order. Raises UserError for a damaged shard, OutputError for one that
+    cannot be read.
     """
     store, study, shards = job
     seen: dict[Key, _Gathering] = {}
@@ -128,10 +129,9 @@ class _Gathering:
     """Folds and scores the impacts of one key, a setting at a step for an α, shard by shard."""
 
     def __init__(self, key: Key, study: Mapping[str, Any]) -> None:
-        """Sums without impacts yet, for one setting, step and α.
+        """Begin without impacts, for one setting, step and α.
 
-        key: the setting, step and α, values of RUN_KEY.
-        study: as `Study.described` gives it, numbers in SI.
+        key: these, values of RUN_KEY. study: as plain values, with defaults filled in, SI.
         """
         self._key = key
         self.alpha = float(key[RUN_KEY.index("alpha_s_per_m")])
@@ -258,7 +258,8 @@ def is_sweep(folder: str | Path) -> bool:
 def read(folder: str | Path, mapper: Callable[..., Iterable[Any]] = map) -> Results:
     """The results of a finished sweep: for studies of a size that a page can show.
 
-    folder: a path, or an URL that fsspec opens. mapper: as of `results_in`.
+    folder: a path, or an URL that fsspec opens. mapper: scores settings, as `map` does; that of a
+    pool scores them side by side.
     Raises UserError for a folder that holds no sweep, one that is not finished, or a part that is
     damaged; OutputError for one that cannot be read.
     """

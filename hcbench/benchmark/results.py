@@ -155,7 +155,8 @@ class Folder:
     def __init__(self, study: Mapping[str, Any]) -> None:
         """Begin without impacts, for one study.
 
-        study: as `Study.described` gives it.
+        study: as plain values, with defaults filled in, SI; its phases, speeds and step_speed
+        count.
         """
         self._step_speed = float(study["step_speed"])
         # The phases are (k + 1/2) / phases: this is the later of the two middle ones.
@@ -313,8 +314,8 @@ def _edges(study: Mapping[str, Any]) -> Floats | None:
     """Speeds, m/s, that divide the band of a study into MOST_SPEEDS places of one width; None where
     no run has more speeds than that, and all are shown.
 
-    study: as `Study.described` gives it. Shape (MOST_SPEEDS - 1,): the ends of the band are left
-    out.
+    study: as plain values, SI; its speeds and those of its runs count. Shape (MOST_SPEEDS - 1,):
+    the ends of the band are left out.
     """
     bands = [study["speeds"], *(run["speeds"] for run in study["runs"])]
     if max(map(len, bands)) <= MOST_SPEEDS:
@@ -384,14 +385,15 @@ class ImpactTable:
         folded: in the study's order.
         read: rows of some keys in that order, in pieces.
         """
-        self.folded, self._read = folded, read
+        self.folded = folded
+        self._read = read
 
     @classmethod
     def of(cls, rows: pd.DataFrame, study: Mapping[str, Any]) -> ImpactTable:
         """The table of impacts that are in memory anyway.
 
         rows: one an impact, with IMPACT_COLUMNS, and FOLDED_OBLIQUE in a study with oblique
-        launches. study: as `Study.described` gives it.
+        launches. study: as plain values, with defaults filled in, SI.
         """
         if rows.empty:
             return cls({}, _InMemory({(): rows}))
@@ -549,8 +551,8 @@ class Results(Drawn):
 
 
 def _answers(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The answers of a summary with the keys of this schema; those of schema 3 are renamed in
-    place.
+    """The answers of a summary, each a mapping with the keys of this schema; those of schema 3 are
+    renamed in place.
 
     summary: content of a summary.json. One that was written before answers were kept gives none.
     """

@@ -109,10 +109,12 @@ def run_study(
 def run_in_pool(
     pool: WorkerPool, study: Study, progress: Callable[[int, int], None] | None = None
 ) -> Results:
-    """Run a study as `run_study` does, in a pool of processes that has other work before or after.
+    """Run a study in a pool of processes that has other work before or after; return its results,
+    which read their rows from a temporary folder.
 
-    progress: called with (impacts done, impacts in all). Raises as `run_study`; the temporary
-    folder of the results is then removed.
+    progress: called with (impacts done, impacts in all). Raises UserError for what the study asks
+    wrongly or an engine refuses, EngineMissing, CannotRun where the workers fail, and OutputError
+    where the temporary folder cannot take the results; the folder is then removed.
     """
     from hcbench.benchmark.read import results_in
 
@@ -161,7 +163,7 @@ def sweep(
     store = Store(open_files(os.fspath(folder)))
     # A plan may take a minute of searches: not for a folder that is none.
     store.require_folder()
-    with _workers(executor, scheduler, jobs) as workers:
+    with workers_for(executor, scheduler, jobs) as workers:
         plan = make_plan(study, workers.mapper)
         with store.locked():
             return run_plan(
@@ -170,12 +172,13 @@ def sweep(
 
 
 @contextmanager
-def _workers(executor: Executor | None, scheduler: str | None, jobs: int) -> Iterator[Workers]:
+def workers_for(executor: Executor | None, scheduler: str | None, jobs: int) -> Iterator[Workers]:
     """The executor of a sweep: one that is given, a Dask cluster, or a pool of our own.
 
-    executor: stays open after the block; the cluster's client and our pool do not.
-    scheduler: address of a Dask scheduler. Raises CannotRun for it as `connected`.
-    jobs: processes of our pool, and tasks at once of an executor that does not tell its width.
+    executor: stays open after the block; the cluster's client and our pool do not. scheduler:
+    address of a Dask scheduler. jobs: processes of our pool, and tasks at once of an executor that
+    does not tell its width. Raises CannotRun where the cluster cannot be reached, has no worker, or
+    goes away.
     """
     if executor is not None:
         # Executors of the standard library have the number here, and in no public name.
@@ -234,13 +237,13 @@ def run_plan(
         drops = plan_drops(plan, workers.mapper)
         # Drops end in any order; the file has them in that of the plan.
         end_of = {}
-        for drop, end in _imap_unordered(workers, run_bounces, drops, timeouts):
+        for drop, end in imap_unordered(workers, run_bounces, drops, timeouts):
             end_of[id(drop)] = end
         dropped = [(drop, end_of[id(drop)]) for drop in drops]
         store.write_bounces(bounce_table(dropped, plan.study.main_alpha, encode))
     missing = (number for number in range(len(plan)) if number not in done)
     run = partial(run_shard, encode=encode)
-    for shard, files in _imap_unordered(workers, run, map(plan.shard, missing), timeouts):
+    for shard, files in imap_unordered(workers, run, map(plan.shard, missing), timeouts):
         store.write_shard(files, len(plan))
         totals.add(files.summaries)
         now = replace(now, impacts=now.impacts + len(shard), shards=now.shards + 1)
@@ -251,7 +254,7 @@ def run_plan(
     return now
 
 
-def _imap_unordered(
+def imap_unordered(
     workers: Workers,
     function: Callable[[Job, Timeouts], Result],
     jobs: Iterable[Job],
@@ -383,7 +386,10 @@ def _quiet() -> Iterator[None]:
 
 def _width(client: Any, address: str) -> Callable[[], int]:
     """Return a function that counts the tasks the workers run at once, 1 or more, at most once in
-    _COUNT_S. It raises CannotRun if there has been no worker for _WORKERS_S.
+    _COUNT_S.
+
+    client: Dask's. address: of its scheduler, for the error. The function raises CannotRun if there
+    has been no worker for _WORKERS_S.
     """
     threads = 1
     counted = -math.inf
@@ -396,7 +402,8 @@ def _width(client: Any, address: str) -> Callable[[], int]:
         if now - counted >= _COUNT_S:
             # Without an answer Dask connects again, or gives up and closes the client.
             with suppress(OSError):
-                threads, counted = sum(client.ncores().values()), now
+                threads = sum(client.ncores().values())
+                counted = now
         # A worker that was lost may come back: for a while one task counts.
         if threads:
             seen = now
@@ -413,10 +420,10 @@ def _without_workers(address: str, advice: str) -> CannotRun:
 
 
 def _require_workers(client: Any, address: str) -> None:
-    """Wait for a worker, and check their hcbench.
+    """Wait for a worker, and refuse workers without this version of hcbench.
 
-    Raises CannotRun without a worker within _WORKERS_S, and for a worker without hcbench or with
-    another version.
+    client: Dask's. address: of its scheduler, for the error. Raises CannotRun without a worker
+    within _WORKERS_S, and for a worker without hcbench or with another version.
     """
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)

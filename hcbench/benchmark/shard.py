@@ -163,8 +163,10 @@ def _run(batch: Batch, timeouts: Timeouts) -> BatchResult:
 
 
 def run_bounces(drop: Drop, timeouts: Timeouts) -> Dropped:
-    """Simulate a drop in a worker process. Raises as `run_shard`, and EngineFailed where the worker
-    crashes or takes longer than its limit.
+    """Simulate a drop in a worker process.
+
+    Raises UserError for what the engine refuses, CannotRun where versions or files are not those of
+    the plan, EngineFailed where the worker crashes or takes longer than its limit.
     """
     use_own_worker()
     scene = _scene_here(drop.inputs, drop.setting.engine)

@@ -221,9 +221,10 @@ class LocalFiles(Files):
 
 
 def open_files(where: str) -> Files:
-    """The files in a folder, by path or fsspec URL; nothing is made yet.
+    """The files in a folder, local or remote; nothing is made yet.
 
-    Raises UserError for a URL that fsspec does not open, or whose package is not installed.
+    where: a path or an fsspec URL. Raises UserError for a URL that fsspec does not open, or whose
+    package is not installed.
     """
     if "://" not in where:
         return LocalFiles(LocalFileSystem(), str(Path(where).absolute()), where)
@@ -280,9 +281,10 @@ def _myself() -> dict[str, Any]:
 
 
 def _taken(where: str, owner: str) -> CannotRun:
-    """The error for a folder that another sweep writes to.
+    """The error for a folder that another sweep writes to; it is returned, not raised.
 
-    owner: content of the lock file, which a killed sweep may have left incomplete.
+    where: the folder. owner: content of the lock file, which a killed sweep may have left
+    incomplete.
     """
     try:
         content = parse_json(owner)
@@ -298,6 +300,8 @@ def _taken(where: str, owner: str) -> CannotRun:
 
 # Files and folders of a sweep beside its shards.
 DESCRIPTION = "_sweep.json"
+# What the description of `model_sweep` says it is.
+OF_A_MODEL = "hcbench sweep of a model"
 SUMMARY_FILE = "_summary.csv"
 LOOPS = "_loops"
 DAMAGED = "_damaged"
@@ -343,7 +347,8 @@ class Store:
             raise unwritable("folder", self.where, error, expected, self._advice) from None
 
     def description(self) -> dict[str, Any] | None:
-        """Read the description of the sweep; None for a folder without one.
+        """Read the description of the sweep, as a dict of JSON values; None for a folder without
+        one.
 
         Its keys are those of `Plan.described`. Raises UserError for a file of another schema, or
         that is not what a sweep wrote; OutputError where it cannot be read.
@@ -370,6 +375,9 @@ class Store:
         schema = description.get("schema")
         if schema == SCHEMA and description.get("kind") == "hcbench sweep":
             return
+        if description.get("kind") == OF_A_MODEL:
+            got = f"{self.where} holds a sweep of a model, which has no page"
+            raise UserError("folder", got, "that of a study", "pandas.read_parquet reads it")
         got = "no table in JSON"
         if description:
             got = f"schema {schema!r:.40}"
@@ -436,7 +444,8 @@ class Store:
     def shards(self, count: int) -> dict[int, str]:
         """The names of all of `count` shards, by number.
 
-        Raises UserError where one is missing, and as `_shards`.
+        Raises UserError where one is missing or there twice, and for a table that is none of them;
+        OutputError where the folder cannot be read.
         """
         shards = self._shards(count)
         if len(shards) < count:
@@ -448,7 +457,7 @@ class Store:
         """Impacts and kept loops of a shard, bytes of a table each; no bytes where it kept no
         loops.
 
-        number, name: as `shards` gives them. Raises UserError for a shard that is damaged,
+        number: of the shard. name: of its file. Raises UserError for a shard that is damaged,
         OutputError where it cannot be read.
         """
         with self._output_errors("a folder that can be read"):
@@ -491,10 +500,11 @@ class Store:
         return shards
 
     def _read_shard(self, number: int, name: str) -> tuple[bytes, bytes] | None:
-        """A shard's impacts and kept loops, bytes of a table each; None if damaged.
+        """A shard's impacts and kept loops, bytes of a table each, b"" where it kept no loops; None
+        if damaged.
 
-        Damaged: a digest is not the one in the name of the file, or the file of loops is missing.
-        OSError where a file cannot be read.
+        number: of the shard. name: of its file. Damaged: a digest is not the one in the name of the
+        file, or the file of loops is missing. OSError where a file cannot be read.
         """
         impacts = self._files.read(name)
         if _base(name) != _shard_name(number, impacts):
@@ -540,9 +550,9 @@ class Store:
     def write_summary(self, settings: Sequence[Mapping[str, Any]], totals: Totals) -> None:
         """Bring the summary up to date: one line a setting, α and step, in the study's order.
 
-        settings: records with the keys of RUN_KEY, as `Plan.records`.
-        totals: sums of all shards until now. A setting of which no shard is done yet gets 0 impacts
-        and empty cells. Raises OutputError.
+        settings: records with the keys of RUN_KEY, one for each line. totals: sums of all shards
+        until now. A setting of which no shard is done yet gets 0 impacts and empty cells. Raises
+        OutputError.
         """
         lines = totals.lines()
         text = io.StringIO()
@@ -582,8 +592,10 @@ def _json(content: Mapping[str, Any]) -> bytes:
 
 
 def _are_starts(starts: Any, parts: Any) -> bool:
-    """True for the numbers of the grids' first parts, rising from 0, with the number of all parts
-    at the end. Both arguments may be anything that JSON has.
+    """Say whether `starts` are numbers of the grids' first parts, rising from 0, with the number of
+    all parts at the end.
+
+    parts: the number of all parts, above 0. Both arguments may be anything that JSON has.
     """
     if not isinstance(starts, list) or len(starts) < 2:
         return False
@@ -596,8 +608,7 @@ def _are_starts(starts: Any, parts: Any) -> bool:
 def _difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
     """Name the first difference between two sweeps, for an error; None if they are equal.
 
-    there, here: descriptions as `Plan.described` gives them, after JSON: of the folder, and of the
-    plan.
+    there, here: descriptions, plain values of JSON: of the folder, and of the plan.
     """
     old = there["versions"]
     new = here["versions"]

@@ -234,8 +234,8 @@ class Study:
         return dataclasses.replace(self, runs=runs, missing=(*self.missing, *missing))
 
     def quick(self) -> Study:
-        """A preview of itself, which takes a fraction of its time.
-        left_out says what it is without. Raises StudyError as `preview`.
+        """A preview of itself, which takes a fraction of its time. left_out says what it is
+        without. Raises StudyError where no run is left.
         """
         return preview(self)
 
@@ -363,9 +363,10 @@ def _with_alphas(table: Table, where: str, folder: Path | None) -> Table:
 
 
 def _require_short_drop(file: StudyFile, runs: Sequence[Run], where: str) -> None:
-    """Raise StudyError where bodies are dropped from so high that too
-    many steps are to be simulated.
+    """Raise StudyError where bodies are dropped from so high that too many steps are to be
+    simulated.
 
+    file: the study as it was read. runs: its runs, whose steps, s, count where they are dropped.
     where: name of the study's file in errors. A study without a height for its drops passes.
     """
     if file.train_height is None:
@@ -389,8 +390,8 @@ def _runs(
     """The runs of a [[run]] table: one, or with `default_band` one for each step, dropped over that
     step's own band of speeds.
 
-    where: name of the table in errors. folder: where the path of a scene starts.
-    Raises StudyError for keys that contradict one another, and SceneError as `_run`.
+    where: name of the table in errors. folder: where the path of a scene starts. Raises StudyError
+    for keys that contradict one another, and SceneError for a scene that cannot be read.
     """
     run = _run(table, where, file, scene, folder)
     if table.default_band is None:

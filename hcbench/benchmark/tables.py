@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     Encode = Callable[[Sequence[Mapping[str, Any]], Sequence[str], Mapping[str, bytes]], bytes]
 
 _TEXTS = ("scene", "engine", "setting", "status", "reason")
-_WHOLE = ("samples", "bounce")
+_WHOLE = ("samples", "bounce", "row", "failed")
 # First bytes of a Parquet file.
 _PARQUET = b"PAR1"
 # Prefixes of the names of arrays that are not columns.
@@ -115,9 +115,11 @@ def _by_number(texts: Any, length: int) -> tuple[Any, Any]:
 def parquet(
     tables: Sequence[Mapping[str, Any]], names: Sequence[str], metadata: Mapping[str, bytes]
 ) -> bytes:
-    """Tables below one another, as the bytes of a Parquet file; arguments as of `arrays`.
+    """Tables below one another, as the bytes of a Parquet file.
 
-    It needs pyarrow: callers see to that by `require_parquet`.
+    tables: columns by name, values or one value for all rows. names: of the columns to write, in
+    this order. metadata: bytes to keep with it, by key. It needs pyarrow: callers see to that by
+    `require_parquet`.
     """
     # Arrow's own pool keeps 10 MB of memory that is freed.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
@@ -204,7 +206,10 @@ def columns_in(content: bytes, names: Collection[str] | None = None) -> dict[str
 
 
 def _parquet_columns(content: bytes, names: Collection[str] | None) -> dict[str, Any]:
-    """The columns of a Parquet file; arguments and result as of `columns_in`."""
+    """The columns of a Parquet file, arrays by name.
+
+    content: bytes of the file. names: of the columns to read; None: all.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 

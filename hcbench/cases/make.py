@@ -263,10 +263,11 @@ def oblique_run(
     radius: float,
     **out: list[float],
 ) -> Json:
-    """A ball that meets the floor at an angle.
+    """A run of a ball that meets the floor at an angle, with what is expected of it.
 
-    h: time step, s. v: velocity, m/s. rim: surface speed by spin about y, m/s. radius: m. out:
-    velocity and surface speed by spin after, m/s.
+    h: time step, s. v: velocity, m/s. rim: surface speed by spin about y, m/s. e: restitution that
+    is asked for. friction: Coulomb's μ. radius: m. out: velocity and surface speed by spin after,
+    m/s, by the names of the quantities.
     """
     speed = math.hypot(*v)
     start = ball(

@@ -162,7 +162,8 @@ def fields() -> Iterator[tuple[str, str, str, str, str]]:
 def type_name(each: dict[str, Any], named: Callable[[str], str] = str) -> str:
     """The type of a field of a JSON Schema, in words such as "list of number".
 
-    named: writes the name of a record that the field refers to.
+    each: the field's part of the schema. named: writes the name of a record that the field refers
+    to.
     """
     if "anyOf" in each:
         return " or ".join(type_name(one, named) for one in each["anyOf"])

@@ -7,7 +7,8 @@ report = check(CheckSpec(models=("ball.xml",), pair="ball,plate", restitution=0.
 sys.exit(report.exit_code)
 """
 
-from hcbench.checking.command import Outputs, check
+from hcbench.checking.command import Outputs
+from hcbench.checking.command import run_spec as check
 from hcbench.checking.judge import run_check, run_checks
 from hcbench.checking.outcome import Outcome, Report, Verdict
 from hcbench.checking.spec import Check, CheckSpec, plan

@@ -1,21 +1,30 @@
-"""Runs the checks of a model, of a file or of a study, and writes their results to files."""
+"""`hcbench.check`: runs the checks of a model, of a file or of a study, as CI does, and writes
+their results to files.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 from hcbench.checking.judge import judge_results, run_checks
 from hcbench.checking.outcome import Outcome, Report, Verdict
 from hcbench.checking.spec import Check, CheckSpec, plan, read_max_error
 from hcbench.checking.text import as_junit, as_markdown, checks_in, table_in
-from hcbench.measuring.request import read_limit
+from hcbench.measuring.request import read_limit, read_pair
 from hcbench.system.errors import OutputError, UserError
 from hcbench.system.outputs import require_outputs, write_output
 from hcbench.system.text import sanitized
-from hcbench.terms.fields import read_toml
+from hcbench.terms.arguments import checked
+from hcbench.terms.fields import read_toml, validate
+from hcbench.terms.options import BodyPair, CheckOptions, Jobs, PintQuantity
+
+if TYPE_CHECKING:
+    from hcbench.checking.outcome import Report
+
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,7 +57,7 @@ class Outputs:
         return {f"--{name}": path for name, path in files.items() if path is not None}
 
 
-def check(
+def run_spec(
     spec: CheckSpec,
     outputs: Outputs | None = None,
     jobs: int = 1,
@@ -57,8 +66,9 @@ def check(
 ) -> Report:
     """Run the checks that a specification names, and write files of the results.
 
-    spec.model: () for the [tool.hcbench] of ./pyproject.toml; a TOML file with such a table; a study or the
-        folder of its report; else a model.
+    spec.models: () for the [tool.hcbench] of ./pyproject.toml; a TOML file with such a table; a
+    study or the folder of its report; else a model.
+    jobs: worker processes, for a study. progress: called with (done, in all).
     measure_only: no check may have a target; else, unless a baseline is written, each needs one.
     Raises UserError for what cannot be planned, and OutputError for what cannot be written.
     """
@@ -77,7 +87,8 @@ def _run(
 ) -> Report:
     """The report on a model, on each check of a TOML file, or on a study or its results.
 
-    measure_only: no check may have a target.
+    jobs: worker processes, for a study. progress: called with (done, in all). measure_only: no
+    check may have a target.
     Raises UserError for a spec that cannot be planned, before anything runs. Errors of single
     checks become outcomes.
     """
@@ -130,8 +141,8 @@ def _listed(table: dict[str, Any] | None, path: Path, spec: CheckSpec) -> list[C
     """The checks of a file; a limit or baseline given with the file holds for all of them.
 
     table: of checks in the file, None for a file without one. path: of the file.
-    Raises UserError for other options given with it, and for a table that cannot be read as checks,
-    as `checks_in` does.
+    Raises UserError for other options given with it, for a file without checks, and for a check
+    with wrong keys or values, by their names.
     """
     _require_only(
         spec,
@@ -215,3 +226,81 @@ def _measurements(report: Report) -> dict[str, Measurement]:
             raise kind("baseline", got, "every check measured")
         measurements[outcome.name] = outcome.measurement
     return measurements
+
+
+# `hcbench.check`: hold a model to a target, as CI does.
+
+
+@checked
+def check(
+    model: str | Path | Sequence[str | Path] = (),
+    pair: BodyPair | None = None,
+    *,
+    name: str | None = None,
+    jobs: Jobs = 1,
+    measure_only: bool = False,
+    **options: Unpack[CheckOptions],
+) -> Report:
+    """Hold a pair of your model to a target, as `hcbench check` does.
+
+    Parameters
+    ----------
+    model : path or two paths, optional
+        A model, two URDFs, a study, or a TOML file with a [tool.hcbench] table; ./pyproject.toml by default.
+    pair : text or two names, optional
+        Two bodies or geoms, first the one that moves.
+    name : text, optional
+        What the result calls the check; the file's name by default.
+    material, alpha, restitution, points, baseline, require : optional
+        One target: a pair of materials that `materials` lists; α, s/m or with a unit, read as `target` "law"
+        or "linear"; one e for all speeds; a CSV file of measured pairs; a baseline that
+        `hcbench check --write-baseline` wrote; or limits on landings or on a recorded motion,
+        "e < 0.3, peak < 6".
+    heights, tilt, controller : optional
+        With `require`: how to drop a robot, as `land` takes them.
+    trajectory : path, optional
+        With `require`: a file of a recorded motion, as `measure_trajectory` takes it.
+    max_error : float, optional
+        Of e, 0.02 by default.
+    max_depth, max_vibration : float, text or quantity of Pint's, optional
+        Most of the penetration, m, and of the vibration, m/s (rms), at rest.
+    engine, limit : optional
+        As `measure` takes them.
+    jobs : int
+        Worker processes, for a study.
+    measure_only : bool
+        Measure without a target; nothing can fail.
+    **launch
+        Speeds, pose and all else of the launches, as `measure` takes them.
+
+    Returns
+    -------
+    Report
+        `exit_code`, as the command ends with; `raise_if_failed()`; `outcomes`, one a check.
+
+    Raises
+    ------
+    UserError
+        For what cannot be planned, in the argument's name.
+
+    Examples
+    --------
+    >>> import hcbench as hb
+    >>> hb.check("ball.xml", "ball,plate", restitution=0.9, speeds="0.2, 0.5 m/s", max_error=0.01)
+    PASSED ball.xml: largest error -0.00136 at 0.2058 m/s, limit 0.01
+
+    """
+    models = [model] if isinstance(model, str | Path) else list(model)
+    given = {
+        "model": tuple(map(str, models)),
+        "pair": read_pair(pair),
+        "name": name,
+        **options,
+    }
+    plain = {slot: _plain(value) for slot, value in given.items()}
+    return run_spec(validate(CheckSpec, plain, UserError), jobs=jobs, measure_only=measure_only)
+
+
+def _plain(value: Any) -> Any:
+    """A quantity of Pint's as text, which files of checks have, too."""
+    return f"{value.magnitude!s} {value.units}" if isinstance(value, PintQuantity) else value

@@ -13,10 +13,9 @@ from hcbench.benchmark.results import CONDITIONS, RUN_KEY, Results
 from hcbench.checking.outcome import Outcome, Report, Verdict, judge_landings, judge_touchdowns
 from hcbench.laws.restitution import Reading, Restitution
 from hcbench.measuring.curve import Curve, CurvePoint, curve_of, curve_of_columns, worst_of
-from hcbench.measuring.landing import land_job, unresolved
+from hcbench.measuring.landing import land_job, touchdowns_job, unresolved
 from hcbench.measuring.measure import Job, measure_job
 from hcbench.measuring.measurement import TOLERANCE, Measurement
-from hcbench.measuring.trajectory import touchdowns_job
 from hcbench.system.errors import HcbenchError, UserError
 from hcbench.system.text import sanitized, time_step
 from hcbench.terms.impact import Impact, Launch, Status
@@ -70,8 +69,9 @@ def run_check(check: Check) -> Outcome:
 def _judge_limits(check: Check) -> Outcome:
     """Verdict on a robot's landings, or on its recorded motion, held to limits.
 
-    A step that does not resolve the landing fails, whatever the limits. Raises UserError and
-    EngineFailed as `land_job` and `touchdowns_job` do.
+    A step that does not resolve the landing fails, whatever the limits. Raises UserError for what
+    cannot be dropped and for a motion that cannot be read, EngineFailed where the worker died or
+    hung.
     """
     job = Job(check.source, check.engine, check.request, None, TOLERANCE, diagnose=False)
     if check.drops is not None:
@@ -282,7 +282,10 @@ def judge_results(results: Results, max_error: float, reading: Reading = "law") 
 
 
 def _conditions(run: Mapping[str, Any]) -> str:
-    """Gravity and other conditions of a setting, as a phrase; "" where there are none."""
+    """Gravity and other conditions of a setting, as a phrase; "" where there are none.
+
+    run: values of a study's run by the keys of RUN_KEY, SI; one of 0 is left out.
+    """
     texts = ("gravity {:g} m/s^2", "{:g} m off the axis", "friction {:g}")
     phrase = ""
     for name, text in zip(CONDITIONS, texts, strict=True):
@@ -294,7 +297,8 @@ def _conditions(run: Mapping[str, Any]) -> str:
 def _judge_run(key: Any, impacts: pd.DataFrame, max_error: float, reading: Reading) -> Outcome:
     """The verdict on one setting, α and step of a study.
 
-    key: values of RUN_KEY. impacts: a row each.
+    key: values of RUN_KEY. impacts: a row each. max_error: of e, the limit. reading: which law's e
+    is the target.
     Impacts without an e fail it.
     """
     run = dict(zip(RUN_KEY, key, strict=True))

@@ -180,7 +180,8 @@ def read_limits(text: str, of_landing: bool) -> tuple[Limit, ...]:
 
 
 def judge_landings(landings: Landings, limits: Sequence[Limit]) -> tuple[Verdict, str]:
-    """The verdict on all limits in each drop, and a message that names the worst.
+    """The verdict on all limits in each drop, at each place of its touch in a step, and a message that
+    names the worst.
 
     A number that is NaN exceeds any limit.
     """
@@ -189,7 +190,7 @@ def judge_landings(landings: Landings, limits: Sequence[Limit]) -> tuple[Verdict
         attribute, _ = LANDING[limit.name]
         for drop in landings.drops:
             where = f"a drop of {drop.height:.4g} m{_tilt(drop.tilt)}"
-            values.append((limit, getattr(drop, attribute), where))
+            values += [(limit, value, where) for value in drop.over_phases(attribute)]
     return _judge(values, f"{len(landings.drops)} drops")
 
 

@@ -269,9 +269,10 @@ def _targets(spec: CheckSpec, name: str) -> tuple[str, ...]:
 def _limits(options: CheckOptions) -> tuple[tuple[Limit, ...], DropPlan | None]:
     """Limits on landings or on a recorded motion, and how to drop the robot for the former.
 
-    Without limits () and None; None for how to drop, too, where they are on a motion.
-    Raises UserError for options of a drop or of a motion without limits, and for both together; for
-    limits as `read_limits`, for drops as `make_drops`.
+    Without limits () and None; None for how to drop, too, where they are on a motion. Raises
+    UserError for options of a drop or of a motion without limits, for both together, for a name
+    that has no limit and for a controller that is none; QuantityError for a limit, a height or a
+    tilt that is not such a quantity.
     """
     falls: dict[str, Any] = {name: options[name] for name in ("heights", "tilt", "controller")}
     given = {name: value for name, value in falls.items() if value is not None}
@@ -345,7 +346,8 @@ def read_rest_limits(depth: Quantity | None, vibration: Quantity | None) -> Rest
 def _wanted(options: CheckOptions) -> RestitutionCurve | None:
     """The target e(v) of α, of one e or of a file of pairs; None without any.
 
-    Raises UserError and QuantityError as `Wanted` and `read_pairs` do.
+    Raises UserError for an e outside 0 ... 1 and for a file that cannot be read as pairs,
+    QuantityError for text that is not a quantity.
     """
     if options["points"] is not None:
         return MeasuredRestitution(read_pairs(Path(options["points"])))

@@ -213,9 +213,10 @@ class CheckTable(SharedSpec):
 
 
 def find_table(path: Path) -> dict[str, Any] | None:
-    """The table of checks of a TOML file, as `table_in` finds it.
+    """The table of checks of a TOML file: [tool.hcbench], or all of a file that has [[check]]; None
+    without one.
 
-    Raises UserError for a file that is not TOML, and as `table_in` does.
+    Raises UserError for a file that is not TOML, and for a [tool.hcbench] that is not a table.
     """
     return table_in(read_toml(path, UserError, "checks"), path)
 
@@ -241,8 +242,9 @@ def table_in(content: dict[str, Any], path: Path) -> dict[str, Any] | None:
 def checks_of(path: Path, baseline: Path | None = None) -> list[Check]:
     """The checks that a file lists, planned; the models are not opened.
 
-    baseline: a file to hold all of them against, instead of what they say.
-    Raises UserError for a file that is not TOML, and as `checks_in` does.
+    path: of the TOML file. baseline: a file to hold all of them against, instead of what they say.
+    Raises UserError for a file that is not TOML or has no table of checks, for an entry and key
+    that cannot be used, by their names, and for two checks of one name.
     """
     return checks_in(find_table(path), path, baseline)
 

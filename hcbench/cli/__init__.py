@@ -27,10 +27,9 @@ from hcbench.cli._process import (
 from hcbench.cli.cases import cases
 from hcbench.cli.check import check, land, measure, pairs
 from hcbench.cli.console import beyond_bounds_option
-from hcbench.cli.docs import docs
 from hcbench.cli.engines import engines, plugin
 from hcbench.cli.fit import fit
-from hcbench.cli.help import START, VARIABLE, completion, described, group
+from hcbench.cli.help import START, VARIABLE, completion, described, docs, group
 from hcbench.cli.law import convert, law, materials
 from hcbench.cli.randomize import randomize
 from hcbench.cli.report import paper, report, sweep
@@ -90,7 +89,10 @@ def main() -> None:
 
 
 def run(arguments: list[str]) -> int:
-    """Run one command and return its exit code; nothing but Ctrl-C's own signal escapes."""
+    """Run one command and return its exit code; nothing but Ctrl-C's own signal escapes.
+
+    arguments: words after "hcbench". Errors name options as a user types them.
+    """
     token = NAMES_OPTIONS.set(True)
     try:
         with beyond_bounds(False):
@@ -100,7 +102,11 @@ def run(arguments: list[str]) -> int:
 
 
 def _run(arguments: list[str]) -> int:
-    """Run a command and return its exit code; no exception leaves it, but in debugging."""
+    """Run a command and return its exit code; no exception leaves it, but in debugging
+    (HCBENCH_DEBUG).
+
+    arguments: words after "hcbench". Errors are printed to stderr, in one line.
+    """
     try:
         # The shell sets the variable to ask for completions.
         if asked := os.environ.get(VARIABLE):
@@ -157,7 +163,9 @@ def _fail_on(error: OSError | MemoryError) -> int:
 
 
 def _fail(code: int, message: str) -> int:
-    """Print one line of what is wrong, and return the exit code."""
+    """Print one line of what is wrong to stderr, and return the exit code: `code`, or that of an
+    interruption if one came.
+    """
     if INTERRUPTS.came and code != _INTERRUPTED_CODE:
         # Python makes a RuntimeError of what is raised while a class is
         # made, a KeyError in an import.

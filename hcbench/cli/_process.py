@@ -23,7 +23,8 @@ from hcbench.system.files import SIGNALS
 # Signals within this time count as one, s.
 _REPEAT_S = 1.0
 # Windows has no SIGALRM. The time until the signal comes again is in s.
-_AGAIN, _AGAIN_S = getattr(signal, "SIGALRM", None), 0.02
+_AGAIN = getattr(signal, "SIGALRM", None)
+_AGAIN_S = 0.02
 # An interrupt waits so long at most for the end of an import, s.
 _DEFERRED_S = 0.5
 # Slots that belong to options of another name.
@@ -81,10 +82,16 @@ def wrap_stdio() -> None:
 
 
 def _wrap(stream: Any, required: bool) -> Any:
-    """The same stream, checked, and with a way to write α where the terminal has none."""
+    """The same stream, checked, and with a way to write α where the terminal has none.
+
+    stream: standard output or error; one that is no TextIOWrapper is returned as it is. required:
+    whether a failed write to it is an error.
+    """
     if not isinstance(stream, io.TextIOWrapper):
         return stream
-    encoding, lines, through = stream.encoding, stream.line_buffering, stream.write_through
+    encoding = stream.encoding
+    lines = stream.line_buffering
+    through = stream.write_through
     wrapped = _Stream(stream.detach(), encoding, "backslashreplace", None, lines, through)
     wrapped.required = required
     return wrapped
@@ -116,7 +123,10 @@ class _Interrupts:
 
     def on_signal(self, number: int, frame: FrameType | None) -> None:
         """Raise KeyboardInterrupt, but not within an import, where a package would report it as a
-        missing module.
+        missing module: then the signal comes again a little later.
+
+        number: of the signal. frame: what was running. Several signals within _REPEAT_S count as
+        one.
         """
         now = time.monotonic()
         if number != _AGAIN:
@@ -124,7 +134,8 @@ class _Interrupts:
             if now - before < _REPEAT_S:
                 # One press may come as several signals while what is running is being ended.
                 return
-            self.came, self._begin = True, now
+            self.came = True
+            self._begin = now
         if _AGAIN is not None and now - self._begin < _DEFERRED_S and _is_importing(frame):
             signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
         else:

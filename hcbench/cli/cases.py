@@ -14,9 +14,9 @@ from hcbench.cli.console import (
     jobs_option,
     output_option,
     print_json,
+    progress,
 )
 from hcbench.cli.help import group
-from hcbench.cli.terminal import progress
 from hcbench.system.errors import LimitPassed, UserError
 
 if TYPE_CHECKING:
@@ -80,8 +80,7 @@ def run_cases(
     """
     import json
 
-    from hcbench.cases.run import run_engines
-    from hcbench.cases.score import known_failures, score
+    from hcbench.cases.score import known_failures, run_engines, score
     from hcbench.system.outputs import write_output
 
     known = _read_known(expected) if expected else known_failures()
@@ -174,8 +173,10 @@ def _engines_beside(scores: Sequence[EngineScore], rows: Sequence[Mapping[str, s
 
 
 def _print(scores: Sequence[EngineScore], as_json: bool, markdown: bool) -> None:
-    """Print the verdicts: as JSON, as a table in Markdown, or for
-    people with the reasons of failures.
+    """Print the verdicts: as JSON, as a table in Markdown, or for people with the reasons of
+    failures.
+
+    scores: of each engine. as_json goes before markdown.
     """
     from hcbench.cases.score import matrix, regressions
 
@@ -214,7 +215,10 @@ def _read_known(path: Path) -> Mapping[str, Mapping[str, str]]:
 
 
 def _junit(scores: Sequence[EngineScore], known: Mapping[str, Mapping[str, str]]) -> str:
-    """Verdicts as JUnit's XML, a suite for each engine."""
+    """Verdicts as JUnit's XML, a suite for each engine.
+
+    scores: of each engine. known: reasons of known failures, by case, by engine.
+    """
     from hcbench.cases.hcbench_cases import junit
 
     suites = [
@@ -226,8 +230,10 @@ def _junit(scores: Sequence[EngineScore], known: Mapping[str, Mapping[str, str]]
 def _require_expected(
     scores: Sequence[EngineScore], known: Mapping[str, Mapping[str, str]]
 ) -> None:
-    """Raise LimitPassed for a case that fails and is not known to, or passes and is known to
-    fail.
+    """Raise LimitPassed for the first case that fails and is not known to, or passes and is known
+    to fail.
+
+    scores: of each engine. known: reasons of known failures, by case, by engine.
     """
     from hcbench.cases.hcbench_cases import outcome
 

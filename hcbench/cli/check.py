@@ -19,9 +19,11 @@ from hcbench.cli.console import (
     options,
     output_option,
     print_json,
+    progress,
+    show,
+    status,
 )
 from hcbench.cli.help import command
-from hcbench.cli.terminal import progress, show, status
 from hcbench.system.errors import EngineFailed, UserError
 from hcbench.system.text import joined_names, sanitized, split_names
 from hcbench.terms.options import LAUNCHES, OPTIONS
@@ -47,7 +49,12 @@ _PAIR = click.option("--pair", help="Two bodies or geoms, first the one that mov
 def _spec(
     models: tuple[str, ...], python: str | None, options: dict[str, object], required: bool = False
 ) -> CheckSpec:
-    """The check that the options describe."""
+    """The check that the options describe; the engine's worker begins to import meanwhile.
+
+    models: files as typed. python: "FILE:FUNCTION" in their place. required: whether one of the two
+    must be given. Raises UserError for both, for neither if required, and for options without
+    meaning.
+    """
     from hcbench.checking.spec import CheckSpec
 
     _begin(models, options["engine"])
@@ -196,19 +203,29 @@ def _typed_again(options: Any, names: Sequence[str]) -> str:
 
 
 def _measure_trajectory(job: Job, trajectory: Path, limit: float | None, as_json: bool) -> None:
-    """The touchdowns of a recorded motion."""
-    from hcbench.measuring.trajectory import as_record, as_text, touchdowns_job
+    """Read the touchdowns of a recorded motion, a file, and print them.
+
+    job: its model, engine and pair. limit: s, after which the worker counts as hung. Raises
+    UserError for other arrays, for an engine that reads no recordings and for a model that cannot
+    be opened; EngineFailed where the worker died or hung.
+    """
+    from hcbench.measuring.landing import touchdowns_job, touchdowns_record, touchdowns_text
 
     with status("reading the motion"):
         motion = touchdowns_job(job, trajectory, limit)
     if as_json:
-        print_json(as_record(motion))
+        print_json(touchdowns_record(motion))
     else:
-        show(as_text(motion).rstrip())
+        show(touchdowns_text(motion).rstrip())
 
 
 def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
-    """Every pair that touches at the start; pairs that cannot be measured are reported and skipped."""
+    """Measure and print every pair that touches at the start; pairs that cannot be measured are
+    reported and skipped.
+
+    limit: s, after which a worker counts as hung. Raises UserError where nothing touches, and
+    EngineFailed.
+    """
     from hcbench.measuring.measure import list_pairs, measure_job
     from hcbench.measuring.text import as_record, as_text
 
@@ -292,12 +309,12 @@ def check(
     MODELS are a model, a study, or a TOML file with a [tool.hcbench] table.
     Exit 0 within limits, 1 a limit exceeded, 2 a mistake, 3 could not run.
     """
-    from hcbench.checking.command import Outputs, check
+    from hcbench.checking.command import Outputs, run_spec
     from hcbench.checking.text import as_record_of, as_text
 
     outputs = Outputs(junit, markdown, png, write_baseline, force)
     with progress("checks") as tick:
-        report = check(_spec(models, python, options), outputs, jobs, tick, measure_only)
+        report = run_spec(_spec(models, python, options), outputs, jobs, tick, measure_only)
     if as_json:
         print_json(as_record_of(report))
     else:

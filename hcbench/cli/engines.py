@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench.cli.console import as_json, print_json
+from hcbench.cli.console import as_json, print_json, progress, show, status
 from hcbench.cli.help import command, group
-from hcbench.cli.terminal import progress, show, status
 from hcbench.system.errors import OutputError, UserError
 
 if TYPE_CHECKING:
@@ -105,7 +104,11 @@ def _list(recipes: bool, as_json: bool) -> None:
 
 
 def _record(name: str, about: dict[str, Any]) -> dict[str, Any]:
-    """A row of the list; keys that do not apply have empty values."""
+    """A row of the list of engines, by the keys of `--json`; keys that do not apply have empty
+    values.
+
+    name: of the engine. about: values of the keys that apply.
+    """
     known: dict[str, Any]
     known = {
         "version": "",
@@ -125,7 +128,11 @@ def _settings(name: str) -> dict[str, str]:
 
 
 def _beside(name: str) -> dict[str, Any]:
-    """The engine of this Python, or how to install it."""
+    """Facts of the engine of this Python, by the keys of `--json`: version, Python, size and place,
+    or how to install it where it is not there.
+
+    name: of the engine.
+    """
     import platform
 
     from hcbench.sim import install, registry
@@ -145,7 +152,7 @@ def _beside(name: str) -> dict[str, Any]:
 
 
 def _elsewhere(made: Environment) -> dict[str, Any]:
-    """Facts of an engine in an environment of its own; its size in bytes."""
+    """Facts of an engine in an environment of its own, by the keys of `--json`; its size in bytes."""
     return {
         "version": made.version,
         "python": made.python,
@@ -155,7 +162,10 @@ def _elsewhere(made: Environment) -> dict[str, Any]:
 
 
 def _described(record: dict[str, Any], with_folder: bool) -> str:
-    """An engine in words: its version, or how to install it. with_folder: name its folder, too."""
+    """An engine in words: its version, or how to install it.
+
+    record: a row of the list, as `_record` makes it. with_folder: whether to name its folder, too.
+    """
     if not record["version"]:
         install = record["install"]
         if not install:

@@ -17,9 +17,10 @@ from hcbench.cli.console import (
     force_option,
     output_option,
     print_json,
+    show,
+    status,
 )
 from hcbench.cli.help import Command, command
-from hcbench.cli.terminal import show, status
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -38,11 +39,14 @@ class _FilesAfterAgainst(Command):
     """Lets --against take all files that follow it, as a shell expands `b*.wav`."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """`--against b1 b2` as `--against b1 --against b2`; what was
-        typed is kept, for the next lines.
+        """Read `--against b1 b2` as `--against b1 --against b2`; what was typed is kept, for the
+        next lines.
+
+        args: words after "fit". Returns those that are left.
         """
         ctx.meta[_TYPED] = ("fit", *args)
-        spread, after = [], False
+        spread = []
+        after = False
         for one in args:
             if one == "--against":
                 after = True
@@ -211,8 +215,11 @@ def _require_together(
 def _fit_force(
     file: Path, kind: str | None, setup: MeasurementSetup, as_json: bool, **of_bounces: object
 ) -> bool:
-    """Fit and print forces; False where the file has none. of_bounces:
-    options that apply to bounces.
+    """Fit and print forces; False where the file has none.
+
+    kind: of data, in place of what the header says. of_bounces: options that apply to bounces, by
+    name. Raises UserError for one of these that is given for forces, and for a file that cannot be
+    read.
     """
     from hcbench.fitting import force as forces_of
     from hcbench.fitting.read import read_force
@@ -234,7 +241,11 @@ def _fit_force(
 def _next(
     result: FitResult, engine: str | None, scene: Replay | None, write_scene: Path | None
 ) -> list[str]:
-    """Lines to type next."""
+    """Lines to type next, after a fit.
+
+    engine: that was named; None: the first that is installed. scene: that bounces as the recording
+    did, and where it is written; None for none.
+    """
     from hcbench.fitting.next_lines import next_lines
 
     written = None if scene is None or write_scene is None else (scene, str(write_scene))
@@ -270,7 +281,12 @@ def _print_json(result: FitResult, scene: Replay | None, _: list[str]) -> None:
 def _write(
     result: FitResult, scene: Replay | None, lines: list[str], force: bool, **files: Path | None
 ) -> None:
-    """files: where to write what, by its option."""
+    """Write the files that the options ask for: page, picture, points, material and scene.
+
+    lines: to type next, for the page. force: whether to replace files that hcbench did not write.
+    files: paths by the option's name, None for one that is not given. Raises UserError and
+    OutputError in the option's name.
+    """
     from hcbench.fitting.result import points_text
     from hcbench.system.outputs import write_output
 

@@ -1,14 +1,23 @@
-"""Helps of commands: options in groups, examples that can be typed, and where the documentation is."""
+"""Helps of commands: options in groups, examples that can be typed, where the documentation is; and
+`hcbench docs`, which prints it.
+"""
 
 from __future__ import annotations
 
+import difflib
+import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import click
 
+from hcbench.cli.console import show
+from hcbench.system.errors import UserError
+from hcbench.system.files import read_text
+from hcbench.system.project import DOCUMENTATION, address
 from hcbench.terms.options import OPTIONS, renamed
 
 
@@ -67,6 +76,7 @@ _OWN: dict[str, Mapping[str, Sequence[str]]] = {
     },
     "land": {"Drops": ("heights", "tilt", "controller")},
     "randomize": {"Worlds": ("restitution", "friction", "worlds", "seed")},
+    "sweep": {"Of a MODEL": ("vary", "samples", "seed", "shard", "part-rows", "rest")},
 }
 # Groups that a help shows only beside the word that they belong to: `hcbench report reality --help`.
 _ONLY_WITH = {"Study `reality`": "reality", "Your own toss": "reality"}
@@ -122,7 +132,13 @@ _EXAMPLES: dict[str, tuple[str, Sequence[str]]] = {
     ),
     "convert": ("howto/tune", ['--alpha "0.3 s/m" --speed "0.5 m/s"', '--drake "0.45 s/m"']),
     "report": ("reference/report", ["--quick", "my/study.toml --out my/report --jobs 2", "field"]),
-    "sweep": ("howto/sweeps", ["my/study.toml --out my/sweep --jobs 2"]),
+    "sweep": (
+        "howto/sweeps",
+        [
+            "my/study.toml --out my/sweep --jobs 2",
+            "my.xml --pair foot,floor --vary friction=0.3:1:5 --out my/runs",
+        ],
+    ),
     "paper": ("explanation/paper", ["--quick"]),
     "cases": ("howto/cases", ["run mujoco pybullet", "score results.json"]),
     "engines": ("howto/versions", ["-v", "add mujoco@3.3.0"]),
@@ -204,7 +220,12 @@ def group(**settings: Any) -> Callable[[Callable[..., Any]], Group]:
 
 
 def described(each: Any) -> Any:
-    """The command, with its examples and the place of its documentation at the end of its help."""
+    """The command or group `each`, with its examples and the place of its documentation at the end
+    of its help.
+
+    Options of numbers get the words for what they take. Raises KeyError for a command without
+    examples.
+    """
     parameters = list(each.params)
     for command in getattr(each, "commands", {}).values():
         parameters += command.params
@@ -235,3 +256,64 @@ def completion(shell: str) -> None:
     made = get_completion_class(shell)
     assert made is not None
     print(made(click.get_current_context().find_root().command, {}, "hcbench", VARIABLE).source())
+
+
+# hcbench docs: the documentation of the installed version, as text.
+
+_TITLE = re.compile(r"^# (.+)$", re.MULTILINE)
+# A page that is another file of the repository.
+_INCLUDED = re.compile(r"```\{include\} (\S+)\n.*?```\n", re.DOTALL)
+
+
+@command()
+@click.argument("page", required=False)
+def docs(page: str | None) -> None:
+    """List the pages of the documentation, or print one.
+
+    PAGE is a name of the list, such as howto/tune. Pages are Markdown.
+    """
+    pages = _pages()
+    if page is not None:
+        print(_text(pages[_known(page, list(pages))]), end="")
+        return
+    site = address("Documentation")
+    if site:
+        show(f"{site}\n")
+    width = max(map(len, pages))
+    for name, path in pages.items():
+        title = _TITLE.search(_text(path))
+        show(f"{name:<{width}}  {title[1] if title else ''}")
+    show("\n`hcbench docs tutorial` prints one.")
+
+
+def _pages() -> dict[str, Path]:
+    """Files of the pages, by the names that a reader types: those of the top, then by folder."""
+    folder = next(folder for folder in DOCUMENTATION if folder.is_dir())
+    found = {}
+    for path in folder.rglob("*.md"):
+        name = path.relative_to(folder).with_suffix("").as_posix()
+        if not name.startswith("_"):
+            found[name] = path
+    return dict(sorted(found.items(), key=lambda item: (item[0].count("/"), item[0])))
+
+
+def _known(page: str, names: list[str]) -> str:
+    """The name of a page that a reader means, with or without .md and its folder.
+
+    Raises UserError for none or several.
+    """
+    wanted = page.removeprefix("docs/").removesuffix(".md").strip("/")
+    same = [name for name in names if name == wanted or name.endswith(f"/{wanted}")]
+    if wanted in names:
+        return wanted
+    if len(same) == 1:
+        return same[0]
+    near = same or difflib.get_close_matches(wanted, names, 3, 0.5)
+    expected = f"one of: {', '.join(near)}" if near else "the name of a page"
+    raise UserError("PAGE", repr(page), expected, "`hcbench docs` lists them")
+
+
+def _text(path: Path) -> str:
+    """The text of a page, with that of the file that it stands for."""
+    text = read_text(path)
+    return _INCLUDED.sub(lambda found: read_text(path.parent / found[1]), text)

@@ -23,9 +23,9 @@ from hcbench.cli.console import (
     as_json,
     options,
     print_json,
+    show,
 )
 from hcbench.cli.help import command
-from hcbench.cli.terminal import show
 from hcbench.system.errors import UserError
 from hcbench.system.text import table
 
@@ -138,7 +138,11 @@ def _alphas(known: MaterialPair | None, given: tuple[Floats, ...]) -> list[float
 
 
 def _warn(rows: Sequence[ImpactSummary]) -> None:
-    """Print the warnings of impacts, of each kind one: those that begin alike are of one kind."""
+    """Print the warnings of impacts to stderr, of each kind one: those that begin alike are of one
+    kind.
+
+    rows: the impacts. The number of others of a kind stands behind its first.
+    """
     warnings: dict[str, None] = {}
     for row in rows:
         warnings |= dict.fromkeys(row.warnings)
@@ -176,7 +180,10 @@ class _NewtonType(click.types.StringParamType):
 def spring_options(
     option: Callable[..., Any] = click.option,
 ) -> Callable[[Callable[..., Any]], Any]:
-    """Gives a command --adams and --newton."""
+    """Give a command the options --adams and --newton: returns a decorator.
+
+    option: makes an option, as `click.option` does.
+    """
     adams = option(
         "--adams",
         type=_AdamsType(),

@@ -8,7 +8,6 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
 from hcbench.cli.console import (
     as_json,
@@ -17,9 +16,11 @@ from hcbench.cli.console import (
     options,
     output_option,
     print_json,
+    show,
+    show_code,
+    status,
 )
 from hcbench.cli.help import command
-from hcbench.cli.terminal import show, show_code, status
 from hcbench.system.errors import UserError
 from hcbench.system.text import as_bound, time_step
 
@@ -109,7 +110,7 @@ def _record(drawn: RandomWorlds) -> dict[str, Any]:
         "launches": drawn.certificate.launches,
         "speeds_m_per_s": drawn.certificate.speeds.tolist(),
         "restitution_minus_mean": drawn.by_speed.tolist(),
-        "restitution_error": float(np.abs(drawn.errors).max()),
+        "restitution_error": float(abs(drawn.errors).max()),
         "restitution_p": drawn.p_restitution,
         "restitution_of_one_launch": drawn.chance,
         "friction_error": _largest(drawn.friction_errors),
@@ -122,7 +123,7 @@ def _record(drawn: RandomWorlds) -> dict[str, Any]:
 
 
 def _largest(errors: Floats) -> float:
-    return float(np.abs(errors).max()) if len(errors) else math.nan
+    return float(abs(errors).max()) if len(errors) else math.nan
 
 
 def _print(drawn: RandomWorlds) -> None:
@@ -138,7 +139,7 @@ def _print(drawn: RandomWorlds) -> None:
     count = len(certificate.worlds)
     show(f"\nmeasured in {count} worlds, {certificate.launches} launches:")
     low, high = drawn.restitution_band
-    within = as_bound(float(np.abs(drawn.errors).max()))
+    within = as_bound(float(abs(drawn.errors).max()))
     show(f"  e {low:g} ... {high:g}: within {within} of what was drawn{_p(drawn.p_restitution)}")
     for speed, change in zip(certificate.speeds, drawn.by_speed, strict=True):
         show(f"    at {speed:.3g} m/s: {change:+.3f} from the mean of the speeds")
@@ -162,7 +163,7 @@ def _print(drawn: RandomWorlds) -> None:
 
 
 def _p(chance: float) -> str:
-    """The test's result as words; "" where one number was drawn for all worlds."""
+    """The result of the test as words; "" where one number was drawn for all worlds."""
     if math.isnan(chance):
         return ""
     return f", uniform (Kolmogorov-Smirnov p = {chance:.2g})"

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hcbench.cli.console import MASS, PathType, device_option, jobs_option
+from hcbench.cli.console import MASS, PathType, device_option, jobs_option, progress
 from hcbench.cli.help import command
-from hcbench.cli.terminal import progress
+from hcbench.cli.sweep_model import model_options, require_study, sweep_a_model
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -82,8 +82,9 @@ def _report_own(
     """Read the user's poses of a box, judge the settings by them, and write the report; return its
     folder.
 
-    given: size, mass, inertia and model of the box, as typed; the model or both size and mass are
-    needed.
+    paths: files of poses. given: size, mass, inertia and model of the box, as typed; the model or
+    both size and mass are needed. jobs: worker processes. Raises UserError for missing numbers and
+    for files that cannot be read.
     """
     from hcbench.workers import WorkerPool
 
@@ -124,8 +125,12 @@ def report_reality(
     model: Path | None,
     identify: bool,
 ) -> Path:
-    """Run the study and write its page; the page. Of a user's own poses:
-    print and write what they tell.
+    """Run the study of measured impacts and write its page; return the page's path. Of a user's own
+    poses: print and write what they tell, and return the folder.
+
+    out: folder; None for the default. jobs: worker processes. sets: names of data sets, with
+    commas. part: to judge. size, mass, inertia, model: of the box in the poses, as typed. Raises
+    UserError for options that do not go together, and what the study raises.
     """
     from hcbench.workers import WorkerPool
 
@@ -249,17 +254,29 @@ def report(
 @click.option(
     "--scheduler", help="Address of a Dask scheduler, tcp://HOST:8786, to run on its workers."
 )
+@model_options
 def sweep(
-    study: str, out: str | None, jobs: int, resume: bool, device: str | None, scheduler: str | None
+    study: str,
+    out: str | None,
+    jobs: int,
+    resume: bool,
+    device: str | None,
+    scheduler: str | None,
+    **of_model: Any,
 ) -> None:
-    """Run a study of any size, in parts.
+    """Run a study, or measure a model under many contacts, in parts.
 
     Finished parts survive an interruption. Together they are one table
     for pandas and `hcbench report`.
 
     STUDY is a study.toml, its folder, or a built-in name. The folder's
-    _summary.csv is kept up to date.
+    _summary.csv is kept up to date. With --vary it is a model: MJCF, or FILE.py:FUNCTION.
     """
+    if of_model["vary"]:
+        # Without --resume, too: what is there is of the same rows, and stays.
+        sweep_a_model(study, out, jobs, scheduler, device, **of_model)
+        return
+    require_study(of_model, study)
     with progress("reading the study"):
         from hcbench.benchmark.run import sweep as run
         from hcbench.reporting.ask import find_plan
@@ -294,8 +311,8 @@ def paper(out: Path | None, quick: bool, jobs: int) -> None:
     Redraw every figure, and compute every number that the paper prints.
     """
     with progress("starting"):
-        from hcbench.paper.engines import engines_with_two_blocks
         from hcbench.paper.page import build, engines_drawn_in
+        from hcbench.paper.vibroimpact_figures import engines_with_two_blocks
         from hcbench.reporting.ask import default_folder, folder_for, missing_engines
 
         missing = missing_engines(engines_with_two_blocks(), _warn)

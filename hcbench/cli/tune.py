@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from functools import partial
-from typing import Any
+from pathlib import Path
+from shlex import quote
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
@@ -22,11 +26,392 @@ from hcbench.cli.console import (
     force_option,
     options,
     output_option,
+    print_json,
+    progress,
+    show,
+    show_code,
 )
 from hcbench.cli.help import command
 from hcbench.cli.law import spring_options
-from hcbench.system.errors import UserError
+from hcbench.system.errors import LimitPassed, UserError
+from hcbench.system.text import joined_names, time_step, two_digits
 from hcbench.terms.bounds import BOUNDS
+
+if TYPE_CHECKING:
+    from hcbench.recipes.recipe import SearchInterrupted
+    from hcbench.recipes.target import Target
+    from hcbench.sim.passivity import Passivity
+    from hcbench.tuning.answer import Answer, Choice, Kind
+    from hcbench.tuning.evaluate import Evaluation
+    from hcbench.tuning.tuned import Tuned
+
+
+# hcbench tune ENGINE: a setting of an engine for a scene, as text to paste, and how wrong it is.
+
+_FLAGS: dict[Kind, str] = {"exact": "--plugin", "settings": "--settings", "constant": "--constant"}
+
+
+def tune_engine(
+    engine: str,
+    *,
+    alpha: tuple[float, float] | None,
+    pair: tuple[str, ...],
+    kind: Kind | None,
+    scene: str,
+    max_error: float | None,
+    certify: bool,
+    write_scene: Path | None,
+    force: bool,
+    as_json: bool,
+    **asked: Any,
+) -> None:
+    """Tune an engine, print the answer, and write a script with its
+    setting. asked: as `tune` takes it.
+    """
+    from hcbench.recipes.recipe import SearchInterrupted
+    from hcbench.sim import registry
+    from hcbench.system.outputs import write_output
+    from hcbench.terms.setting import PAIR
+    from hcbench.tuning.answer import MAX_ERROR
+    from hcbench.tuning.ask import tune
+
+    if len(pair) > 1:
+        raise UserError("--pair", f"given {len(pair)} times", "one pair of names for an engine")
+    try:
+        with progress("tuning") as report:
+            answer = tune(
+                engine,
+                pair[0] if pair else None,
+                alpha=None if alpha is None else alpha[0],
+                kind=kind,
+                scene=scene,
+                max_error=MAX_ERROR if max_error is None else max_error,
+                progress=report,
+                **asked,
+            )
+    except SearchInterrupted as interrupt:
+        _print_interrupted(interrupt, scene, as_json)
+        raise click.Abort(f"interrupted: {interrupt}") from None
+    if answer.left_out:
+        click.echo(answer.left_out, err=True)
+    best = answer.best
+    if write_scene is not None:
+        adapter = registry.engine(engine)
+        script = adapter.script(answer.scene, best.setting)
+        if best.promise is not None:
+            script = adapter.promised(script, PAIR, best.promise)
+        write_output(write_scene, script, "--write-scene", force)
+    gate = _gate(answer) if certify else None
+    margin = _margin(answer.target, alpha)
+    if as_json:
+        print_json(_as_json(answer, margin, gate))
+    else:
+        _print(answer, margin, gate)
+        show(f"\nnext:\n  {_next_line(answer, write_scene, asked['material'])}")
+    _require(answer, MAX_ERROR if max_error is None else max_error, gate)
+
+
+def _next_line(answer: Answer, script: Path | None, material: str | None) -> str:
+    """The command that shows how the pasted text does: on the script, or on the user's model.
+
+    script: where the scene was written; None where it was not. material: as it was typed.
+    """
+    from hcbench.terms.setting import PAIR
+
+    target = answer.target
+    low, high = answer.best.speeds
+    model = "my.xml"
+    pair = answer.pair
+    if script is not None:
+        model = quote(str(script))
+        pair = PAIR
+    asked = f'--alpha "{target.law.alpha:.10g} s/m"'
+    if material is not None:
+        asked = f"--material {quote(material)}"
+    elif target.reading == "points":
+        # No option names a curve that is not constant.
+        asked = ""
+        if target.is_constant:
+            asked = f"--restitution {target.points[0][1]:g}"
+    line = f"hcbench measure {model} --pair {quote(joined_names(pair))} {asked}".rstrip()
+    speeds = f"{low:.3g}:{high:.3g}:5" if low < high else f"{low:.10g}"
+    return f'{line} --speeds "{speeds} m/s"'
+
+
+def _require(answer: Answer, max_error: float, gate: Passivity | None) -> None:
+    """Raise LimitPassed where the answer is not what was asked for, or may not be recommended.
+
+    answer: of a search. max_error: largest error of e that is allowed. gate: of `--certify`, None
+    without.
+    """
+    best = answer.best
+    if answer.asked is not None and not answer.is_as_asked:
+        got = f"no setting passes; the next is {best.line}"
+        raise LimitPassed(
+            _FLAGS[answer.asked], got, "a setting that follows the target and gains no energy"
+        )
+    if best.tuned is not None and best.tuned.flaws:
+        got = f"{best.setting.name!r}: {best.tuned.flaws}"
+        raise LimitPassed(
+            "--recipe", got, "a setting that gains no energy and rests", answer.remedy
+        )
+    if not answer.fits(best):
+        assert best.passivity is not None
+        got = f"{best.setting.name!r} is for spheres: {best.passivity.worst_of_boxes}"
+        expected = "a setting for any body"
+        advice = "Balls need --corners 1, boxes on a face --corners 4"
+        raise LimitPassed("--corners", got, expected, f"{advice}. {answer.remedy}")
+    if not best.max_error <= max_error:
+        got = f"{best.max_error:.3g} with {best.setting.name!r}"
+        raise LimitPassed("max-error", got, f"{max_error:g} or less", answer.remedy)
+    if gate is not None and not gate.sphere:
+        raise LimitPassed(
+            "--certify", f"{best.setting.name!r} {gate.warning}", "a setting that passes"
+        )
+
+
+def _gate(answer: Answer) -> Passivity:
+    """Run the whole test for energy on the best choice, in the plain engine."""
+    from hcbench.sim import registry
+    from hcbench.sim.passivity import LongestTrain
+
+    best = answer.best
+    train = LongestTrain(answer.target.curve, best.max_error, answer.target.speed_max)
+    adapter = registry.engine(answer.engine)
+    return adapter.passivity(answer.scene, best.setting, best.speeds, whole=True, train=train)
+
+
+def _margin(target: Target, alpha: tuple[float, float] | None) -> float:
+    """Error of e from the uncertainty of α over the target's band (95 %); 0 for an exact α.
+
+    alpha: α and its standard uncertainty, s/m; None where the target is no α.
+    """
+    import numpy as np
+
+    from hcbench.laws.restitution import Restitution
+
+    if alpha is None or target.reading == "points":
+        return 0.0
+    band = np.linspace(target.speed_min, target.speed_max, 13)
+    return Restitution(alpha[0], target.reading, alpha[1]).margin(band)
+
+
+def _print(answer: Answer, margin: float, gate: Passivity | None) -> None:
+    """Print the answer: setting, error, text to paste, other choices, notes.
+
+    margin: of e, by the uncertainty of α. gate: None unless --certify asks for it.
+    """
+    best = answer.best
+    target = answer.target
+    spheres = "; for spheres: a flat face gains energy" if best.flat is False else ""
+    why = best.tuned.why if best.tuned else "the plug-in gives each impact the e of its own speed"
+    if target.material:
+        show(f"{'material':<20}  {target.material}")
+    show(f"{'setting':<20}  {answer.engine} {best.setting.name}: {why}{spheres}")
+    if best.tuned is not None and (warning := best.tuned.passivity.warning):
+        show(f"{'warning':<20}  {warning}")
+    caution = "" if best.kind == "exact" else answer.caution
+    for name, note in {"caution": caution, "band": answer.band_note}.items():
+        if note:
+            show(f"{name:<20}  {note}")
+    rows = _rows(best, target)
+    if margin:
+        rows["uncertainty of α"] = f"e is known to ± {margin:.2g} (95 %)"
+    rows["needs"] = "; ".join(best.needs) or "nothing"
+    for name, value in rows.items():
+        show(f"{name:<20}  {value}")
+    show("\npaste:\n")
+    show_code(f"{best.text or 'nothing: the default'}\n")
+    for choice in answer.choices:
+        if choice is not best:
+            flags = _FLAGS[choice.kind]
+            if not answer.fits(choice):
+                flags += " --corners 1"
+            show(f"or {choice.line} ({flags})")
+    for never in answer.never:
+        show(f"never {never.setting}: {never.why}")
+    if gate is not None:
+        _print_gate(gate)
+    show("\nNotes:")
+    for line in (*(best.tuned.advice if best.tuned else ()), *best.notes):
+        show(f"- {line}")
+
+
+def _print_gate(gate: Passivity) -> None:
+    """Print the certificate: the verdicts, then each finding beside its limit."""
+    of_spheres = _verdict(gate.sphere)
+    of_boxes = _verdict(gate.flat)
+    show(f"\ncertified: {of_spheres} for spheres, {of_boxes} for boxes")
+    for finding in gate.findings:
+        mark = "ok " if finding.passed else "NOT"
+        value = f"{finding.value:.5g} of at most {finding.limit:.5g} {finding.unit}".rstrip()
+        show(f"  {mark} {finding.name}: {value} ({finding.under})")
+
+
+def _verdict(has_passed: bool | None) -> str:
+    """The word for a part of the certificate; what was not tested, None, has failed."""
+    if has_passed:
+        return "passed"
+    return "FAILED"
+
+
+def _rows(best: Choice, target: Target) -> dict[str, str]:
+    """Rows of the table of a choice, values by their titles.
+
+    best: the choice. target: whose words say what e is held against. Values are texts with units.
+    """
+    truth = {"law": "e of the law", "linear": "1 - α v", "points": "the target e"}[target.reading]
+    low, high = best.speeds
+    error = f"{two_digits(best.max_error)} against {truth} over {low:.4g} ... {high:.4g} m/s"
+    tuned = best.tuned
+    if tuned is None:
+        return {
+            "largest error of e": error,
+            "largest e": f"{best.max_e:.4f}, {best.energy}",
+        }
+    result = tuned.evaluation
+    has_loop = not math.isnan(result.loop_rms) and target.reading == "law"
+    launches = f"{result.launches} launches at random and about the worst"
+    steps = f"{result.steps_min} ... {result.steps_max} of {time_step(target.timestep)} s"
+    loop = f"{_percent(result.loop_rms)} of the largest force from the law's (rms)"
+    return {
+        "largest error of e": f"{error}, {_conditions(tuned)}, {launches}",
+        "mean error of e": _bias(result),
+        "largest e": f"{best.max_e:.4f} there, below and above, {best.energy}",
+        **({"friction": _friction(result, target)} if target.friction else {}),
+        "best constant e": f"{result.constant:.6g}, wrong by at most {result.constant_error:.2g}",
+        "steps in contact": steps,
+        "largest penetration": f"{result.penetration_max:.3g} m",
+        "largest force": f"{result.force_max:.4g} N",
+        **({"force loop": loop} if has_loop else {}),
+        "rests under gravity": _rest(tuned),
+        **_slope(tuned),
+    }
+
+
+def _bias(result: Evaluation) -> str:
+    """The side of the target on which the launches lie, in words."""
+    share = f"{100 * result.below:.0f} % of them lie below the target"
+    return f"{result.mean_error:+.2g} in these launches; {share}"
+
+
+def _rest(tuned: Tuned) -> str:
+    """Words for the body at rest: m/s and m."""
+    rest = tuned.rest
+    if math.isnan(rest.penetration):
+        return "no: it diverges"
+    moves = f"drift {rest.sinking:.1e} m/s, penetration {rest.penetration:.1e} m"
+    return f"{'yes' if tuned.rests else 'no'}: {moves}, vibration {rest.vibration:.1e} m/s"
+
+
+def _slope(tuned: Tuned) -> dict[str, str]:
+    drift = tuned.passivity.slope_drift
+    return {} if math.isnan(drift) else {"holds on 10 degrees": f"drift {1e3 * drift:.2g} mm/s"}
+
+
+def _conditions(tuned: Tuned) -> str:
+    """Gravity and friction of the launches, in words."""
+    from hcbench.sim import registry
+
+    target = tuned.target
+    falls = "without gravity"
+    if target.gravity:
+        falls = f"gravity {target.gravity:g} m/s^2"
+    slides = "frictionless and head-on"
+    if registry.engine(tuned.setting.engine).keeps_friction:
+        slides = "head-on; bodies keep the friction that they have"
+    if target.friction:
+        slides = f"friction {target.friction:g}, sliding and spinning"
+    return f"{falls}, {slides}"
+
+
+def _friction(result: Evaluation, target: Target) -> str:
+    off = f"{_percent(result.friction_error)} of {target.friction:g} times the normal impulse"
+    return f"impulse wrong by at most {off}"
+
+
+def _percent(share: float) -> str:
+    # Three digits below 1, and no exponent above.
+    return f"{100 * share:.{'3g' if share < 1 else '0f'}} %"
+
+
+def _print_interrupted(interrupt: SearchInterrupted, scene: str, as_json: bool) -> None:
+    """Print the best setting when a search was interrupted; it has not been simulated.
+
+    scene: its name, whose form decides on the text to paste. as_json: print JSON in place of lines.
+    """
+    from hcbench.terms.scene import load_scene
+    from hcbench.tuning.model import snippet
+
+    best = interrupt.best
+    text = snippet(best, load_scene(scene).form)
+    if as_json:
+        progress_made = {
+            "evaluations": interrupt.done,
+            "at_most": interrupt.budget,
+            "max_error_by_model": interrupt.error,
+        }
+        head = {"schema": 1, "engine": best.engine, "recipe": best.name, "cut_short": progress_made}
+        print_json(
+            {**head, "timestep_s": best.timestep, "options": dict(best.options), "paste": text}
+        )
+        return
+    error = f"{interrupt.error:.2g} by the search's own model; not simulated yet"
+    show(f"{'setting':<20}  {best.engine} {best.name}, the best so far: {interrupt}")
+    show(f"{'largest error of e':<20}  {error}\n\npaste:\n")
+    show_code(text)
+
+
+def _as_json(answer: Answer, margin: float, gate: Passivity | None) -> dict[str, Any]:
+    """The answer as `--json` prints it; None for what an exact setting, which needs no run, lacks.
+
+    margin: of e, by the uncertainty of α. gate: None unless --certify asks for it.
+    """
+    best = answer.best
+    tuned = best.tuned
+    why = "exact at any step: it needs no run"
+    of_run: dict[str, Any] = {
+        "evaluation": None,
+        "rest": None,
+        "slope_drift_m_per_s": None,
+        "warning": "",
+        "advice": [],
+    }
+    if tuned is not None:
+        why = tuned.why
+        of_run = {
+            "evaluation": dataclasses.asdict(tuned.evaluation),
+            "rest": {"rests": tuned.rests, **dataclasses.asdict(tuned.rest)},
+            "slope_drift_m_per_s": tuned.passivity.slope_drift,
+            "warning": tuned.flaws,
+            "advice": list(tuned.advice),
+        }
+    certificate = {}
+    if gate is not None:
+        certificate["certificate"] = _certificate(gate)
+    return {
+        "schema": 2,
+        "engine": answer.engine,
+        "recipe": best.setting.name,
+        "kind": best.kind,
+        "requested": answer.asked,
+        "pair": list(answer.pair),
+        "why": why,
+        "target": dataclasses.asdict(answer.target),
+        "timestep_s": best.setting.timestep,
+        "options": dict(best.setting.options),
+        **of_run,
+        "notes": list(best.notes),
+        "paste": best.text,
+        **answer.record,
+        "restitution_margin_95": margin,
+        **certificate,
+    }
+
+
+def _certificate(gate: Passivity) -> dict[str, Any]:
+    findings = [{**dataclasses.asdict(f), "passed": f.passed} for f in gate.findings]
+    return {"sphere": gate.sphere, "flat": gate.flat, "findings": findings}
 
 
 class _EngineOption(click.Option):
@@ -160,7 +545,6 @@ def tune(
     ENGINE is an engine's name, tuned in a scene. MODEL is your own
     model (a file, two URDFs, or FILE.py:FUNCTION), whose pairs are tuned in it.
     """
-    from hcbench.cli.tune_engine import tune_engine
     from hcbench.cli.tune_model import tune_model
     from hcbench.terms.units import parse_max_error
     from hcbench.tuning.ask import is_model
@@ -185,8 +569,10 @@ def _parsed(points: str) -> tuple[tuple[float, float], ...]:
 
 
 def _drop(options: dict[str, Any], others: type[click.Option], got: str, expected: str) -> None:
-    """Take out the options of the other form of the command. Raises
-    UserError for one that was given.
+    """Take out the options of the other form of the command, by name.
+
+    options: of the command, changed. others: class of the options to take out. got, expected: words
+    for the error. Raises UserError for one that was given.
     """
     context = click.get_current_context()
     for option in context.command.params:

@@ -9,8 +9,7 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from hcbench.cli.console import print_json
-from hcbench.cli.terminal import show, show_code, status
+from hcbench.cli.console import print_json, show, show_code, status
 from hcbench.measuring.request import is_python
 from hcbench.sim.passivity import MOST_E
 from hcbench.system.errors import LimitPassed
@@ -43,26 +42,28 @@ def tune_model(
         tuned = ask.tune_model(source, alpha=value, max_error=limit, **files, **given)
     of_material = _material_line(given["material"])
     landing = tuned.landing
+    # Nothing is written of a model that needs no setting.
+    written = write_model if tuned.text else None
     if as_json:
         print_json(_record(tuned) | of_material)
     elif landing is not None and landing.rebound is not None:
         print_landing(tuned, landing)
         if tuned.gains:
-            show(f"\nnext:\n  hcbench land {_model(write_model, models)}")
+            show(f"\nnext:\n  hcbench land {_model(written, models)}")
     else:
         for name, line in of_material.items():
             show(f"{name}: {line}")
         _print(tuned, limit)
         if tuned.gains:
             show(
-                f"\nnext:\n  {_next_line(tuned, limit, _tested(tuned, write_model, models), value, given)}"
+                f"\nnext:\n  {_next_line(tuned, limit, _tested(tuned, written, models), value, given)}"
             )
     if landing is not None and (landing.worse or landing.rebound is not None):
         if tuned.gains:
             return
         raise landing_error(tuned, landing)
     if not tuned.gains:
-        raise _nothing_gained(tuned, limit)
+        raise _nothing_gained(tuned)
     if tuned.max_e > MOST_E:
         got = f"e up to {tuned.max_e:.4g} with {tuned.name!r}: it gains energy"
         raise LimitPassed("restitution", got, "1 at most", _cure(tuned))
@@ -123,7 +124,7 @@ def _tested(tuned: TunedModel, written: Path | None, models: tuple[str, ...]) ->
 
     models: the user's own.
     """
-    if written is None and not tuned.written and not is_python(models[0]):
+    if written is None and tuned.text and not tuned.written and not is_python(models[0]):
         return "--python FILE.py:FUNCTION"
     return _model(written, models)
 
@@ -137,16 +138,11 @@ def _model(written: Path | None, models: tuple[str, ...]) -> str:
     return " ".join(map(quote, models))
 
 
-def _nothing_gained(tuned: TunedModel, limit: float) -> LimitPassed:
-    """The error where no setting is better than the model's own.
-
-    limit: largest error of e that passes.
-    """
-    from hcbench.tuning.tuned_model import AS_IT_IS
-
-    stays = tuned.name == AS_IT_IS and tuned.max_error <= limit
-    advice = "" if stays else f" {_cure(tuned)}"
-    return LimitPassed("restitution", tuned.no_gain, "a gain", f"Nothing is written.{advice}")
+def _nothing_gained(tuned: TunedModel) -> LimitPassed:
+    """The error where no setting is better than the model's own."""
+    return LimitPassed(
+        "restitution", tuned.no_gain, "a gain", f"Nothing is written. {_cure(tuned)}"
+    )
 
 
 def _cure(tuned: TunedModel) -> str:
@@ -164,7 +160,11 @@ def _cure(tuned: TunedModel) -> str:
 
 
 def _reasons(tuned: TunedModel, limit: float) -> list[str]:
-    """Reasons why e misses the target, a sentence each."""
+    """Reasons why e misses the target, a sentence each.
+
+    limit: largest error of e that is allowed. Empty where e is within it and nothing is worse than
+    before.
+    """
     reasons = []
     if tuned.max_error > limit and abs(tuned.taken) > limit:
         verb = "take" if tuned.taken > 0.0 else "add"
@@ -259,13 +259,16 @@ def _print(tuned: TunedModel, limit: float) -> None:
         for sentence in landing_sentences(tuned.landing):
             show(f"\n{sentence}")
         show("\nThe target is e of a foot alone; --rebound is a target of the whole robot.")
-    if tuned.gains:
+    if tuned.gains and not tuned.text:
+        show("\nThe model as it is has this e already: there is nothing to paste.")
+    elif tuned.gains:
         show("\npaste:\n")
         show_code(tuned.text)
     elif tuned.landing is not None and tuned.landing.worse:
         show("\nthe nearest setting, which is not written:\n")
         show_code(tuned.text)
-    show("\nNotes:")
+    if tuned.notes:
+        show("\nNotes:")
     for note in tuned.notes:
         show(f"- {note}")
 
@@ -332,7 +335,7 @@ def print_landing(tuned: TunedModel, change: LandingChange) -> None:
 
 
 def landing_table(change: LandingChange) -> list[str]:
-    """The robot's landing before and after, a line each; the worst of all drops, but the rebound."""
+    """The landing before and after, a line each; the worst of all drops, but the rebound."""
     from hcbench.sim.landing import QUANTITIES
 
     was = change.before
@@ -368,10 +371,10 @@ def landing_sentences(change: LandingChange) -> list[str]:
         sentences.append("The model as it is has this rebound already: there is nothing to paste.")
     if change.worse:
         sentences.append(f"Worse than before: {'; '.join(change.worse)}.")
-    if change.reach is not None and change.rebound:
-        largest = f"{1e3 * change.reach.rebound:.3g} mm"
+    if change.reach is not None:
+        reached = f"{1e3 * change.reach.rebound:.3g} mm"
         sentences.append(
-            f"The largest rebound at this step without a worse landing is {largest}, of the "
+            f"The {change.extreme} rebound at this step without a worse landing is {reached}, of the "
             "contacts that were tried."
         )
         if not math.isnan(before.frequency):
@@ -404,7 +407,10 @@ def _stiffer(change: LandingChange) -> list[str]:
 
 
 def landing_record(change: LandingChange | None) -> dict[str, Any] | None:
-    """The landing in SI units for `--json`; None for None."""
+    """The landing for `--json`, SI units in the keys; None where the model was not dropped.
+
+    change: the landing before and after, with what is worse.
+    """
     if change is None:
         return None
     reach = None
@@ -418,7 +424,7 @@ def landing_record(change: LandingChange | None) -> dict[str, Any] | None:
         "before": change.before.record,
         "after": change.after.record,
         "worse": change.worse,
-        "largest": reach,
+        "reach": reach,
         "advice": list(change.advice),
     }
 

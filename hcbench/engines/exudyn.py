@@ -205,7 +205,8 @@ def contact_law(target: Target) -> dict[str, Any]:
 
 def restitution(target: Target) -> dict[str, Any]:
     """The best constant e."""
-    return _contact(target, 2, minimax_constant(target)[0], minimumImpactVelocity=0.0)
+    e, _ = minimax_constant(target)
+    return _contact(target, 2, e, minimumImpactVelocity=0.0)
 
 
 _STEPS = "Lower timeIntegration.minimumStepSize: its default, 1e-8, ends one impact in five with an error."

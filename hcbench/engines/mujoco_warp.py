@@ -157,7 +157,7 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
 def with_a_geom_each(xml: str) -> str:
     """MJCF in which each pair but the first has a massless copy of its first geom for itself.
 
-    MuJoCo Warp keeps one pair of two geoms only.
+    xml: the MJCF with its <pair> elements. MuJoCo Warp keeps one pair of two geoms only.
     """
     root = ET.fromstring(xml)
     holders = {

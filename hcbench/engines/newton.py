@@ -225,7 +225,8 @@ _SCATTER = 6e-3
 
 def best_constant(target: Target) -> dict[str, Any]:
     """XPBD's own restitution."""
-    return {"restitution": minimax_constant(target)[0]}
+    e, _ = minimax_constant(target)
+    return {"restitution": e}
 
 
 def spring_damper(target: Target) -> dict[str, Any]:

@@ -105,7 +105,8 @@ def step():
 
 def restitution(target: Target) -> dict[str, Any]:
     """The best constant e, on both colliders."""
-    return {"restitution": minimax_constant(target)[0]}
+    e, _ = minimax_constant(target)
+    return {"restitution": e}
 
 
 _NATIVE = (

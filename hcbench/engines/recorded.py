@@ -109,7 +109,12 @@ def read(file: Path) -> Trajectory:
 
 
 def _number(slot: str, index: int, name: str, text: str | None) -> float:
-    """A number of the file, SI. Raises SettingError with the line and the column."""
+    """A number of the file, SI. Raises SettingError with the line and the column for a text that is
+    none.
+
+    slot: names the file in errors. index: of the row, from 0. name: of the column. text: None for a
+    row that ends before it.
+    """
     try:
         return float(text or "")
     except ValueError:
@@ -120,7 +125,10 @@ def _number(slot: str, index: int, name: str, text: str | None) -> float:
 
 
 def _check_times(slot: str, time: np.ndarray[tuple[int], np.dtype[np.float64]]) -> None:
-    """Raise SettingError for times, s, (n,), that do not rise in even steps."""
+    """Raise SettingError for times that do not rise in even steps, or are fewer than two.
+
+    slot: names the file in errors. time: s, (n,).
+    """
     if len(time) < 2:
         raise SettingError(slot, "one row", "two rows or more, even in time")
     if not np.isfinite(time).all():

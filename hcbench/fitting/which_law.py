@@ -255,6 +255,11 @@ class _HuntCrossleyCurve(FittedCurve):
             return 1
         return 2
 
+    def at(self, speed: float) -> float:
+        """e at a speed in m/s, without the derivatives, which take as long again."""
+        log_e, _ = hunt_crossley(self.rate * speed)
+        return math.exp(log_e if self.log_e0 is None else self.log_e0 + log_e)
+
     def local(self, speed: float) -> Local:
         """ln e at a speed, m/s, its slope over ln v, and its derivatives by the logarithms of both
         losses.

@@ -176,8 +176,10 @@ def _positive(slot: str, value: Floats | float, unit: str) -> Floats:
 def _refuse(
     slot: str, values: Floats, wrong: NDArray[np.bool_], unit: str, expected: str
 ) -> Floats:
-    """The values; UserError with the first of those where `wrong`, a mask of the same shape, is
-    true.
+    """The values; UserError with the first of those where `wrong` is true.
+
+    slot: name of the argument in the error. wrong: mask of the values' shape. unit: of the values.
+    expected: what the error asks for.
     """
     if wrong.any():
         first = float(values[wrong].flat[0])

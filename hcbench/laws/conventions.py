@@ -269,17 +269,18 @@ def contact_of(
     timestep: float | None = None,
     reading: Reading = "law",
 ) -> OneContact:
-    """One contact, from exactly one of the first seven.
+    """One contact, from exactly one of alpha, drake, simbody, restitution, solref, adams and newton.
 
     alpha: α, s/m.
     drake: hunt_crossley_dissipation, s/m.
     simbody: dissipation, s/m.
-    restitution: e at `speed`.
+    restitution: e at `speed`, above 0, up to 1.
     solref: MuJoCo's two numbers (constant impedance assumed); with a 0 in front the one-step
     setting at `timestep`.
-    adams, newton: of an effective mass in kg; MuJoCo's solver in Newton needs none. The rest as in
-    `OneContact`.
-    Raises UserError for numbers without meaning, for none or several of the first seven, and where
+    adams, newton: of an effective mass in kg; MuJoCo's solver in Newton needs none.
+    mass, speed, contact_time, timestep, reading: SI, the rest as in `OneContact`. What the one
+    given does not need has no effect on α.
+    Raises UserError for numbers without meaning, for none or several of the seven, and where
     mass, speed or step is missing that the one given needs: all but alpha, drake and simbody need
     `speed`.
     """

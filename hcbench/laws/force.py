@@ -21,7 +21,9 @@ from hcbench.terms.impact import Floats
 
 
 def _real(slot: str, values: Floats | float) -> Floats:
-    """The values as an array. Raises UserError in the name of `slot` for what is not real numbers.
+    """The values as an array; an array of NumPy as it is.
+
+    slot: name of the argument. Raises UserError in its name for what is not real numbers.
 
     Solvers call a law's `force` a million times: this is faster than `checked`.
     """

@@ -94,8 +94,9 @@ def compliance(material: Material) -> float:
 
 
 def relative_radius(radius_1: float, radius_2: float) -> float:
-    """R = 1/(1/R1 + 1/R2) in m, from two radii in m: negative when hollow, inf when flat.
+    """R = 1/(1/R1 + 1/R2) in m.
 
+    radius_1, radius_2: m: negative when hollow, inf when flat.
     Raises UserError for a radius of 0 or NaN, and for surfaces that do not touch at a point, 1/R <=
     0.
     """

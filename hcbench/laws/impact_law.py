@@ -119,9 +119,11 @@ Newton = str | NewtonSpring
 
 
 def read_adams(given: Adams, slot: str = "adams") -> AdamsImpact:
-    """IMPACT of "k, e, cmax, d", SI or with units (k N/m^e, cmax N s/m, d m), or one that was read.
+    """IMPACT of MSC Adams from "k, e, cmax, d", SI or with units (k N/m^e, cmax N s/m, d m); one
+    that was read is returned as it is.
 
-    Raises UserError for text of other parts, and for numbers that IMPACT does not take.
+    slot: name of the option in errors. Raises UserError for text of other parts, and for numbers
+    that IMPACT does not take.
     """
     if isinstance(given, AdamsImpact):
         return given
@@ -136,10 +138,11 @@ def read_adams(given: Adams, slot: str = "adams") -> AdamsImpact:
 
 
 def read_newton(given: Newton, slot: str = "newton") -> NewtonSpring:
-    """The contact of "SOLVER, ke, kd", or one that was read. ke and kd as in `NewtonSpring`.
+    """The contact of Newton from "SOLVER, ke, kd"; one that was read is returned as it is.
 
-    Raises UserError for text of other parts, for an unknown solver, and for numbers without
-    meaning.
+    ke and kd: 1/s² and 1/s for a solver that reads them per mass, else N/m and N s/m. slot: name of
+    the option in errors. Raises UserError for text of other parts, for an unknown solver, and for
+    numbers without meaning.
     """
     if isinstance(given, NewtonSpring):
         return given
@@ -154,7 +157,8 @@ def read_newton(given: Newton, slot: str = "newton") -> NewtonSpring:
 def _parts(value: Any, slot: str, expected: str, count: int) -> list[str]:
     """The parts of a text between commas, `count` of them, without spaces around each.
 
-    Raises UserError with `slot` for another number of parts and for anything but text.
+    value: the text. Raises UserError with `slot` and `expected`, in words, for another number of
+    parts and for anything but text.
     """
     parts = []
     if isinstance(value, str):
@@ -352,13 +356,16 @@ class ImpactLaws(Drawn):
     def e(self, speed: Quantities) -> Floats:
         """Restitution at impact speeds, m/s or with a unit: a row for each α, shape (n, ...).
 
-        Raises QuantityError as `ImpactLaw.e` does.
+        Raises QuantityError if `speed` is not a speed of 0 m/s or more.
         """
         return np.array([law.e(speed) for law in self.laws])
 
     @checked
     def impacts(self, speeds: Quantities) -> list[ImpactSummary]:
-        """Everything about one impact for each α at each speed, SI. Raises as `ImpactLaw.impacts`."""
+        """Everything about one impact for each α at each speed, SI.
+
+        Raises QuantityError for a speed that is not above 0, UserError for an α v above 1000.
+        """
         return [impact for law in self.laws for impact in law.impacts(speeds)]
 
     @checked

@@ -171,13 +171,15 @@ static int list_approaching(const hcb_system* s, const hcb_room* r, const double
 /* How fast contacts that rest will slip: about, by a few sweeps with e = 0 from the rates u that they would have
    without each other. rests[i]: which ones; slip[i] of the others is 0. */
 void hcb_resting_slip(const hcb_system* s, const double* u, const int* rests, double* slip, double* work) {
-  hcb_room r = divide(s, work);
-  hcb_few few;
   double fastest = 0;
   int count = 0;
+  for (int i = 0; i < s->n; i++) slip[i] = 0, count += rests[i] != 0;
+  if (count == 0) return; /* most steps in which bodies land: all part */
+  count = 0;
+  hcb_room r = divide(s, work);
+  hcb_few few;
   for (int q = 0; q < s->parts; q++) r.part[q] = q;
   for (int i = 0; i < s->n; i++) {
-    slip[i] = 0;
     if (rests[i] && r.block[9 * (size_t)i] > 0) r.of[count++] = i;
   }
   hcb_group g = group_of(s, &r, count, s->parts, u);

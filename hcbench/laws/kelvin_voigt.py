@@ -41,9 +41,10 @@ def damping_ratio(law: KelvinVoigt, mass: float) -> float:
 
 
 def restitution(zeta: Floats | float, ending: Ending) -> Floats:
-    """e for damping ratios ζ >= 0, same shape, at any impact speed; 0 where the body never parts.
+    """e at any impact speed for damping ratios ζ; 0 where the body never parts.
 
-    Raises UserError for a ζ below 0 or NaN.
+    zeta: ζ, 0 or more; e has its shape. ending: condition that ends the contact. Raises UserError
+    for a ζ below 0 or NaN.
     """
     z = within("zeta", zeta, 0.0, np.inf, "a damping ratio of 0 or more")
     if ending is Ending.FORCE:
@@ -185,7 +186,10 @@ def loop(law: KelvinVoigt, mass: float, speed: float, ending: Ending, count: int
 
 
 def _g(zeta: Floats) -> Floats:
-    """arccos ζ / √(1 - ζ²), and arccosh ζ / √(ζ² - 1) beyond 1: one analytic function, 1 at ζ = 1."""
+    """arccos ζ / √(1 - ζ²), and arccosh ζ / √(ζ² - 1) beyond 1: one analytic function, 1 at ζ = 1.
+
+    zeta: ζ, 0 or more; the result has its shape. ω t at the deepest point is g(ζ).
+    """
     z = np.asarray(zeta, dtype=float)
     s2 = (1.0 - z) * (1.0 + z)
     s = np.sqrt(np.abs(s2))

@@ -112,7 +112,11 @@ def impact(
 
 
 def _depth_scale(law: ForceLaw, mass: float, speed: float) -> float:
-    """X with F(X, 0) X = m v_i², m. Raises UserError for a law that stores this energy nowhere."""
+    """Depth scale X of an impact, m, with F(X, 0) X = m v_i².
+
+    law: F in N over m. mass: m, kg. speed: v_i, m/s. Raises UserError for a law that stores this
+    energy nowhere between 1e-15 and 1e3 m.
+    """
     energy = mass * speed**2
 
     def excess(log_x: float) -> float:
@@ -154,7 +158,8 @@ def _solve(
 
     force: F in N over ξ and η.
     inertia: X/(m v_i²), 1/N; weight: g X/v_i², without unit.
-    tolerance, step_max: as of `impact`.
+    ending: parting where x = 0, or already where F = 0. tolerance: relative error of a step.
+    step_max: largest step in τ.
     Returns SciPy's solution; its events are, in this order: x = 0, F = 0, turning, turning back.
     Raises EngineFailed where SciPy gives up.
     """

@@ -60,7 +60,7 @@ class PublishedLaw:
     def chi_of(self, e: Floats | float) -> Floats:
         """χ over restitutions asked for, same shape.
 
-        Raises UserError outside 0 ... 1, and at 0 where χ is infinite.
+        e: 0 ... 1. Raises UserError outside it, and at 0 where χ is infinite.
         """
         values = np.asarray(e, dtype=float)
         slot = f"restitution of {self.name}"

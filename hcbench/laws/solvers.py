@@ -143,7 +143,11 @@ def minimum(
         tried = x + math.copysign(max(abs(step), near), step)
         f_tried = function(tried)
         if f_tried <= f:
-            low, high = (x, high) if tried >= x else (low, x)
+            # The old best point becomes the nearer end.
+            if tried >= x:
+                low = x
+            else:
+                high = x
             third, f_third = second, f_second
             second, f_second = x, f
             x, f = tried, f_tried

@@ -156,9 +156,11 @@ def contact_over_steps(
     timestep: float,
     at_step: Callable[[float], ModelUnderTest],
 ) -> ContactMeaning:
-    """The meaning with the fastest launches at other time steps than the model's, s.
+    """Add to a meaning e of the fastest launches at other time steps than the model's.
 
-    at_step: opens the same pair at a time step, s.
+    timestep: the model's, s; steps are its multiples by SHARES_OF_STEP, up to the first above it
+    that is not stable. at_step: opens the same pair at a time step, s. A step at which the pair
+    cannot be opened has no point; errors that are not hcbench's are raised.
     """
     many = replace(request, phases=tuple((k + 0.5) / _PHASES for k in range(_PHASES)))
     launches = _straight(many, max(request.speeds))
@@ -184,10 +186,11 @@ def _straight(request: Request, speed: float) -> list[Launch]:
 def _at_another_step(
     timestep: float, launches: Sequence[Launch], at_step: Callable[[float], ModelUnderTest]
 ) -> ContactStep:
-    """The launches at a time step, s; without a point where the model cannot be launched at it.
+    """e of launches at another time step, s; without a point where the model cannot be launched at
+    it.
 
-    at_step: opens the pair at a time step. Errors of hcbench's own, such as a step beyond all
-    bounds, mean that it cannot; others are raised.
+    timestep: s. at_step: opens the pair at a time step. Errors of hcbench's own, such as a step
+    beyond all bounds, mean that it cannot; others are raised.
     """
     try:
         with at_step(timestep) as model:
@@ -328,8 +331,13 @@ def _impact_rows(meaning: ContactMeaning) -> Iterator[_Row]:
     if any(math.isfinite(each.stiffness) for each in impacts):
         yield "stiffness, N/m", *(number(each.stiffness, ".3g") for each in impacts)
         yield "damping, N s/m", *(number(each.damping, ".3g") for each in impacts)
-        yield "damping ratio", *(number(each.damping_ratio, ".2g") for each in impacts)
-        yield "misfit of the two, %", *(number(100 * each.misfit, ".2g") for each in impacts)
+        # Joints and servos that act, too, leave no ratio.
+        if any(math.isfinite(each.damping_ratio) for each in impacts):
+            yield "damping ratio", *(number(each.damping_ratio, ".2g") for each in impacts)
+        yield (
+            "misfit of spring and damper, %",
+            *(number(100 * each.misfit, ".2g") for each in impacts),
+        )
 
 
 def _speed(point: CurvePoint) -> float:

@@ -231,12 +231,13 @@ def curve_of_columns(
     group: number of the point that an impact belongs to, each of 0 to k - 1 at least once.
     speed: at launch, m/s; angle: from the normal, rad; phase: share of a step; each impact of a
     group has its own phase.
-    speed_in: m/s.
+    speed_in: at the touch, m/s.
     restitution: NaN for an impact without an e.
     target: NaN for an impact that is held against nothing.
     samples: steps in contact.
-    after_force: as `Impact.restitution_after_force`.
-    along: shape (n, 6).
+    after_force: the ratio of speeds once the contact force has ceased; None where it was not
+    recorded.
+    along: the numbers ALONG of oblique impacts, shape (n, 6); None without any.
     Where some impacts of a group have a target, only those count for its means.
     """
     first_of_group = np.unique(group, return_index=True)[1]

@@ -77,9 +77,10 @@ def constant_e(impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> fl
 
 def energy_gain(impacts: Sequence[Impact], step: StepFix) -> Iterator[Suspect]:
     """Yield the suspect of a step that does not resolve the contact, where a body leaves faster
-    than it came.
+    than it came; at most one.
 
-    step: the engine's way to set a step; the fix takes a twentieth of it or less.
+    impacts: of the model as it is. step: the engine's way to set a step; the fix takes a twentieth
+    of it or less.
     """
     gain, samples = _gain(impacts)
     if gain <= 1 + NOTABLE_GAIN:
@@ -95,10 +96,10 @@ def energy_gain(impacts: Sequence[Impact], step: StepFix) -> Iterator[Suspect]:
 
 
 def few_steps(impacts: Sequence[Impact], step: StepFix, softer: str) -> Iterator[Suspect]:
-    """Yield the suspect of too few steps in contact, where no energy is gained.
+    """Yield the suspect of too few steps in contact, where no energy is gained; at most one.
 
-    step: the engine's way to set a step.
-    softer: what else would help, as text to paste.
+    impacts: of the model as it is. step: the engine's way to set a step. softer: what else would
+    help, as text to paste.
     """
     gain, samples = _gain(impacts)
     if gain > 1 + NOTABLE_GAIN or not 0 < samples <= STEPS_BY_CHANCE:
@@ -139,7 +140,8 @@ def gravity(
     """Yield the suspect of gravity, where it changes the speed much within a step or a contact; at
     most one.
 
-    acceleration: vector, m/s^2. timestep: s.
+    impacts: their slowest impact speed and their longest contact count. acceleration: vector,
+    m/s^2. timestep: s.
     fix: makes what to write, of the longest contact (s) that gravity leaves alone.
     apply: takes gravity away in a model.
     """
@@ -229,10 +231,11 @@ def diagnose(
     wanted: RestitutionCurve | None = None,
     tolerance: float = TOLERANCE,
 ) -> tuple[tuple[Cause, ...], str]:
-    """(causes, the strongest first; one sentence on what is left when all of them are fixed).
+    """Find the causes of a bounce that is not as it should be: (causes, the strongest first; a
+    sentence on what is left when all of them are fixed).
 
     impacts: of the model as it is.
-    goal: e over approach speed that the bounce should have.
+    goal: e over approach speed, m/s, that the bounce should have; NaN for none.
     wanted: the user's target, or None.
     tolerance: |e - goal| up to which a bounce is as it should be.
     Without an error there are only causes that are always reported, and "". A copy that cannot be
@@ -368,7 +371,8 @@ def _is_off(impacts: Sequence[Impact], goal: Goal, tolerance: float) -> bool:
 def _probe_launches(impacts: Sequence[Impact], goal: Goal, step_cost: float) -> list[Launch]:
     """Launches to try fixes on: some phases of the worst speed, the lowest and the highest.
 
-    Of the worst speed alone where all take too many steps.
+    Of the worst speed alone where all take too many steps. impacts: of the model as it is, one or
+    more. goal: e over approach speed, m/s.
     step_cost: cost of a step over that of a ball on a plane.
     """
 
@@ -395,7 +399,7 @@ def _probe_phases(impacts: Sequence[Impact], step_cost: float) -> list[Launch]:
     """Evenly chosen launches of one speed, four at most.
 
     One only where steps cost much and all phases have the same e. impacts: of that speed, one or
-    more.
+    more. step_cost: cost of a step over that of a ball on a plane.
     """
     e = [impact.restitution for impact in impacts]
     # False where one of them is NaN.
@@ -411,6 +415,9 @@ def _hidden_suspects(
 ) -> list[Suspect]:
     """Suspects that show only where the others are fixed, if that does not cure the pair; else
     none.
+
+    suspects: of the model as it is. trials: measures copies with fixes. wanted: the user's target,
+    or None. tolerance: error of e up to which a pair counts as cured.
     """
     fixes = _fixable(suspects)
     impacts = trials.impacts(fixes)
@@ -426,7 +433,7 @@ def _tried_causes(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -
     """The fewest fixes that cure as well as all of them do, the strongest first.
 
     Where all together cure nothing, those that help alone. Those that are always reported are among
-    them.
+    them. The strength of a fix is the error of e that comes back where it alone is left out.
     fixes: suspects that can be tried, the likeliest first. tolerance: of e.
     """
     before = trials.max_error([])
@@ -473,6 +480,9 @@ def _cause(suspect: Suspect, alone: float = math.nan, without: float = math.nan)
 def _summary(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -> str:
     """A sentence on what remains with all causes fixed: the mean e and the error, or that it is
     unexplained.
+
+    fixes: of the causes. tolerance: the larger of it and half the error of the model as it is may
+    remain.
     """
     before = trials.max_error([])
     after = trials.max_error(fixes)

@@ -72,12 +72,14 @@ _FROM_USD = "Isaac Sim's URDF exporter makes a URDF of a USD file"
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One measurement.
+    """One measurement: a model, the launches and what they are held against.
 
     source: see `measure`; only files cross to the worker, objects stay here.
-
+    engine: name of one; None: the first that opens such a model.
+    request: the pair, its pose and the launches. wanted: the target e(v), None for none.
+    tolerance: error of e from which causes are looked for, if `diagnose`.
     beyond_bounds: whether numbers beyond physical bounds are admitted.
-    rest: None: not measured.
+    rest: limits of the pair at rest; None: not measured.
     contact: whether to measure what the contact means.
     """
 
@@ -176,7 +178,12 @@ def measure(
 
 
 def measure_job(job: Job, limit: float | None = None) -> Measurement:
-    """Measure one pair, in a worker for a model in a file. limit, errors: of `run_job`."""
+    """Measure one pair, in a worker for a model in a file.
+
+    limit: s of the clock, after which the worker counts as hung; None: LIMIT_S of processor time,
+    or the engine's own where that is longer. Raises EngineFailed where the worker died or hung;
+    UserError and SceneError for a model that does not open or a pair that cannot be measured.
+    """
     return run_job(_measured, job, limit)
 
 
@@ -332,6 +339,8 @@ def _measured(job: Job) -> Measurement:
 def _is_as_chosen(facts: Facts, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> bool:
     """True if hcbench wrote this contact, it keeps its promise, and nothing else is wanted: then
     there are no causes to look for.
+
+    impacts: of the model, held against the promise. wanted: the target, None for none.
     """
     promise = facts.promise
     if promise is None or facts.changed:
@@ -408,6 +417,8 @@ def _engine_for(source: Any, name: str | None) -> OpensModels:
 def _model_file_error(source: str | Path) -> SceneError:
     """The error for a path that no engine opens, with advice by its suffix; it is returned, not
     raised.
+
+    source: the path, of a file that is there or not.
     """
     # A dict keeps each suffix once, in order.
     suffixes: dict[str, None] = {}

@@ -39,8 +39,10 @@ def is_python(source: Any) -> bool:
 
 
 def python_function(text: str) -> Callable[..., Any]:
-    """The function that "file.py:function" names; its file is run. Raises UserError where the file
-    or the function is missing, and where the file does not run.
+    """The function that "file.py:function" names; its file is run.
+
+    text: of that form, as `is_python` tells. Raises UserError where the file or the function is
+    missing, and where the file does not run.
     """
     match = _PYTHON.fullmatch(text)
     assert match is not None
@@ -65,7 +67,10 @@ def call_python(text: str) -> Any:
 
 @contextmanager
 def _user_code(where: str, expected: str) -> Iterator[None]:
-    """Errors of a user's own code as UserError."""
+    """Turn errors of a user's own code into UserError; hcbench's own and MemoryError pass.
+
+    where: name of what runs, expected: what should have run, both for the message.
+    """
     try:
         yield
     except (HcbenchError, MemoryError):
@@ -119,7 +124,11 @@ def read_joints(text: Any) -> Pose:
 
 
 def _joint(name: Any, values: Any) -> tuple[float, ...]:
-    """The values of a joint, or of a field of the state, in a mapping. Raises QuantityError."""
+    """The values of a joint, or of a field of the state, in a mapping: text with units, or numbers,
+    SI.
+
+    name: of the joint or field. Raises QuantityError for anything else than finite numbers.
+    """
     if isinstance(values, str):
         return tuple(_values(name, values))
     if name == "eq_active" and np.asarray(values).dtype == bool:
@@ -129,7 +138,11 @@ def _joint(name: Any, values: Any) -> tuple[float, ...]:
 
 
 def _values(name: str, text: str) -> list[float]:
-    """Numbers of a joint in text, rad or m: "-30 deg", "1 0 0 0", "2 cm". Raises QuantityError."""
+    """Numbers of a joint in text, rad or m: "-30 deg", "1 0 0 0", "2 cm".
+
+    name: of the joint, for the error. Raises QuantityError for text that is not finite numbers, one
+    unit behind them.
+    """
     number, _, unit = text.rpartition(" ")
     if unit in _ANGLES:
         text = number
@@ -141,7 +154,10 @@ def _values(name: str, text: str) -> list[float]:
 
 
 def _numbers(name: Any, values: Any) -> tuple[float, ...]:
-    """The values of a joint as finite numbers; raises QuantityError for anything else."""
+    """The values of a joint as finite numbers, in a flat tuple.
+
+    name: of the joint, for the error. Raises QuantityError for anything else, and for none.
+    """
     try:
         numbers = tuple(units.real_array(values).reshape(-1).tolist())
     except (TypeError, ValueError):
@@ -283,10 +299,11 @@ def request_for(request: Request, speeds: object, known: MaterialPair | None) ->
 def _each_once(
     quantity: str, name: str, kind: str, **bounds: float
 ) -> Callable[[Any], tuple[float, ...]]:
-    """Make a reader of several quantities, which refuses equal ones by QuantityError.
+    """Make a reader of several quantities in SI, which refuses equal ones and those outside the
+    bounds by QuantityError.
 
-    quantity, bounds: as `units.parse_values` takes them. name: of the option. kind: "a speed" and
-    the like, for the error.
+    quantity: such as "speed". bounds: `above` or `least`, SI. name: of the option. kind: "a speed"
+    and the like, for the error.
     """
 
     def read(given: Any) -> tuple[float, ...]:

@@ -18,6 +18,8 @@ from hcbench.terms.records import IMPACT, LOOP, PHASE, REST, SPEED, record
 from hcbench.terms.resolution import NOTABLE_SHARE
 
 SCHEMA = 1
+# Characters of a note that are printed: hcbench's own sentences are longer than a user's names.
+_LONGEST_NOTE = 400
 _LOOP_SAMPLES = 200
 # From this α v on a loop of the law has an area to compare with.
 _LOSSY = 1e-3
@@ -122,7 +124,7 @@ def as_text(measurement: Measurement) -> str:
     if measurement.rest is not None:
         lines.append(f"at rest: {measurement.rest.text}")
     notes = (*facts.notes, *motion_notes(measurement))
-    lines += [f"note: {sanitized(note)}" for note in notes]
+    lines += [f"note: {sanitized(note, _LONGEST_NOTE)}" for note in notes]
     lines += ["", *_curve_lines(measurement), *_along_lines(measurement), ""]
     if measurement.contact is not None:
         lines += [*contact.as_lines(measurement.contact), ""]
@@ -236,8 +238,9 @@ def _shares_note(measurement: Measurement) -> list[str]:
     notable = []
     for name, share in facts.shares.items():
         if abs(share) >= NOTABLE_SHARE:
-            notable.append(f"{share:+.2g} by {name}")
-    return [f"While in contact the approach changed by, in speeds at touch: {', '.join(notable)}."]
+            # Two digits, without an exponent: a body that stays is pushed for hundreds of steps.
+            notable.append(f"{float(f'{share:.2g}'):+g} by {name}")
+    return [f"While the two touch, the approach changes, in impact speeds: {', '.join(notable)}."]
 
 
 def _along_lines(measurement: Measurement) -> list[str]:

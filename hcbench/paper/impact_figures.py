@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hcbench.laws import closed_form, quadratic
+from hcbench.laws import closed_form
 from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.kelvin_voigt import Ending
@@ -274,8 +274,10 @@ def quadratic_figure() -> Figure:
         alpha=0.6,
         label="(16), q = 1",
     )
-    handles += left.plot(u, quadratic.restitution(1.0, u), color=BLUE, label="q = 2, until x = 0")
-    force_reading = quadratic.restitution(1.0, u, Ending.FORCE)
+    handles += left.plot(
+        u, approximations.quadratic_restitution(1.0, u), color=BLUE, label="q = 2, until x = 0"
+    )
+    force_reading = approximations.quadratic_restitution(1.0, u, Ending.FORCE)
     handles += left.plot(
         u, force_reading, color=ORANGE, linestyle=DASHES[1], label="q = 2, until F = 0"
     )
@@ -286,7 +288,7 @@ def quadratic_figure() -> Figure:
     left.set_ylabel("restitution e")
     left.set_ylim(0.0, 1.0)
     one = constants.law(1.0)
-    two = quadratic.QuadraticDamping(constants.STIFFNESS, 1.0, constants.MASS)
+    two = approximations.QuadraticDamping(constants.STIFFNESS, 1.0, constants.MASS)
     loop = closed_form.loop(one, constants.MASS, 0.5)
     right.plot(loop.penetration * 1e6, loop.force, color=GREY, linewidth=4.0, alpha=0.6)
     x, force = _quadratic_loop(two, 0.5)
@@ -307,7 +309,7 @@ def quadratic_figure() -> Figure:
     return figure
 
 
-def _quadratic_loop(law: quadratic.QuadraticDamping, speed: float) -> tuple[Floats, Floats]:
+def _quadratic_loop(law: approximations.QuadraticDamping, speed: float) -> tuple[Floats, Floats]:
     """Penetration, m, and force, N, of one loop with q = 2, shape (401,) each.
 
     Its path is known in closed form: v² is exponential plus linear in x^((n+1)/2). Points rise from
@@ -318,7 +320,7 @@ def _quadratic_loop(law: quadratic.QuadraticDamping, speed: float) -> tuple[Floa
     n1 = law.exponent + 1.0
     b = 4.0 * law.factor / (law.mass * n1)
     kappa = 4.0 * law.stiffness / (law.mass * n1)
-    z = float(quadratic.turning_point(law.alpha * speed))
+    z = float(approximations.turning_point(law.alpha * speed))
     # F starts with x^(1/4): points crowd towards both ends of the loop.
     theta = np.linspace(0.0, 1.0, 401)
     theta = np.pi * theta**4 / (theta**4 + (1.0 - theta) ** 4)

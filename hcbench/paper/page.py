@@ -17,8 +17,7 @@ from hcbench.laws.hertz_elliptic import largest_shear
 from hcbench.laws.published import LAWS
 from hcbench.paper import constants, impact_figures, vibroimpact_figures
 from hcbench.paper.approximations import APPROXIMATIONS
-from hcbench.paper.engines import engines_with_two_blocks
-from hcbench.paper.vibroimpact_figures import FULL, QUICK, Effort
+from hcbench.paper.vibroimpact_figures import FULL, QUICK, Effort, engines_with_two_blocks
 from hcbench.reporting.page import PAGE, Drawing, csv_of, draw, render
 from hcbench.reporting.wording import engine_title, four_digits, listed
 from hcbench.sim import registry

@@ -1,9 +1,13 @@
-"""Figures of forced motion against a stop."""
+"""Figures of forced motion against a stop, and the same motion in engines: the scene `two-blocks`."""
 
+from __future__ import annotations
+
+import math
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from itertools import cycle, product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +16,6 @@ from matplotlib.figure import Figure
 from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
 from hcbench.paper import constants
-from hcbench.paper.engines import EngineTrajectory, engines_with_two_blocks, simulate_in_engine
 from hcbench.paper.impact_figures import name_axes
 from hcbench.paper.vibroimpact.response import kelvin_voigt_blocks, linearized, orbits
 from hcbench.paper.vibroimpact.simulate import simulate
@@ -29,8 +32,118 @@ from hcbench.reporting.plot_style import (
 )
 from hcbench.reporting.wording import engine_title
 from hcbench.sim import registry
+from hcbench.sim.remote import interpreter_of
+from hcbench.sim.two_blocks import TwoBlocks
 from hcbench.system.errors import EngineMissing
+from hcbench.terms.bounds import positive, require
 from hcbench.terms.impact import Floats
+from hcbench.workers import call
+
+if TYPE_CHECKING:
+    from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
+    from hcbench.terms.impact import Floats
+
+
+# The mass between two blocks inside the engines, to be laid over the reference: the scene `two-
+# blocks`.
+#
+# Contact is either the engine's plug-in, which is eq. (16) itself, or the best that the engine
+# has of its own, tuned at one speed. The engines run in a process of their own.
+
+# Processor time of one simulation, s: an engine that runs longer counts as hung.
+LIMIT = 120.0
+
+
+@dataclass(frozen=True, slots=True)
+class EngineTrajectory:
+    """Motion of an engine's mass at the ends of steps, arrays of shape (n,): s, m, m/s, N.
+
+    resultant: what the blocks did against the position, by the change of speed; P taken off.
+    """
+
+    time: Floats
+    position: Floats
+    velocity: Floats
+    resultant: Floats
+
+    def since(self, start: float) -> EngineTrajectory:
+        """The part with time >= start, s."""
+        keep = self.time >= start
+        return EngineTrajectory(
+            self.time[keep], self.position[keep], self.velocity[keep], self.resultant[keep]
+        )
+
+
+def engines_with_two_blocks() -> list[str]:
+    """Names of the engines that can simulate the scene, whether they are installed or not."""
+    return [name for name in registry.names() if registry.submodule(name, "two_blocks") is not None]
+
+
+def simulate_in_engine(
+    name: str,
+    system: VibroImpact,
+    position: float,
+    velocity: float,
+    until: float,
+    drive: Sinusoid | None = None,
+    *,
+    timestep: float = 1e-5,
+    tuned_at: float | None = None,
+) -> EngineTrajectory:
+    """Simulate a system in an engine, from t = 0 on.
+
+    name: of the engine, one of `engines_with_two_blocks`.
+    system: both its blocks must have the same law (16).
+    position, velocity: at the start, m and m/s; `VibroImpact` has the signs.
+    until: duration, s. timestep: s.
+    drive: P, N; None: the mass is free.
+    tuned_at: speed, m/s, at which the engine's own contact is tuned; None: its plug-in is used.
+
+    Raises UserError for a system that an engine cannot have and for numbers that are not above 0,
+    EngineMissing, and EngineFailed where the engine crashes or passes LIMIT.
+
+    The drive is leapfrog, so of second order: engines do v += h P/m, then q += h v. With P of the
+    step's start, and the first velocity half a step behind, velocities are those half a step before
+    the positions; the velocity at a step's end is the mean of its neighbours.
+    """
+    law = system.right
+    alike = isinstance(law, HuntCrossley) and law == system.left
+    require("laws", (system.right, system.left), alike, "the same law (16) on both sides")
+    assert isinstance(law, HuntCrossley)
+    positive("timestep", timestep, "s")
+    positive("until", until, "s")
+    if tuned_at is not None:
+        positive("tuned_at", tuned_at, "m/s")
+    engine = registry.engine(name)
+    # Raises EngineMissing before the simulation starts.
+    engine.version()
+    count = math.ceil(until / timestep) + 1
+    forces = np.zeros(count)
+    if drive is not None:
+        forces[:] = [drive(i * timestep) for i in range(count)]
+    # Half a step before the position, see above.
+    start = velocity - 0.5 * timestep * float(forces[0]) / system.mass
+    blocks = TwoBlocks(system.mass, system.gap, law, timestep, tuned_at)
+    where = interpreter_of(engine)
+    positions, velocities = call(
+        _simulate, name, blocks, position, start, forces, limit=LIMIT, at=where
+    )
+    return EngineTrajectory(
+        time=np.asarray(np.arange(count) * timestep, dtype=np.float64),
+        position=positions[:-1],
+        velocity=np.asarray(0.5 * (velocities[:-1] + velocities[1:])),
+        resultant=forces - system.mass * np.diff(velocities) / timestep,
+    )
+
+
+def _simulate(
+    name: str, blocks: TwoBlocks, position: float, velocity: float, forces: Floats
+) -> tuple[Floats, Floats]:
+    """Simulate the two blocks, in the worker process."""
+    states: tuple[Floats, Floats]
+    states = registry.submodule(name, "two_blocks").simulate(blocks, position, velocity, forces)
+    return states
+
 
 # Figs. 5 to 9: a mass between two blocks.
 
@@ -121,18 +234,14 @@ SETTLED = 12
 
 def _overlap(force: float) -> tuple[Figure, SimulatedMotion, VibroImpact]:
     """The two loops of a squeezed mass and their sum, over the last of SETTLED cycles of a drive at
-    the
-    resonance of the linearised mass: the figure, that cycle, and the system.
+    the resonance of the linearised mass: the figure, that cycle, and the system.
 
     force: amplitude of the drive, in the sketch's own units. Without touch or parting in the cycle,
     the ellipse of the linearised mass is drawn too.
     """
     system = VibroImpact(1.0, -2.0 * SQUEEZE, SOFT, SOFT)
     f = linearized(system).resonance
-    whole_run = simulate(
-        system, 0.0, 0.0, SETTLED / f, Sinusoid(force, f), tolerance=1e-9, step_max=0.008 / f
-    )
-    run = whole_run.during((SETTLED - 1.0) / f, SETTLED / f)
+    run = _last_cycle(system, force)
     figure = new_figure(8.4, 3.6)
     parts, whole = figure.subplots(1, 2, sharex=True)
     q = run.position
@@ -153,6 +262,18 @@ def _overlap(force: float) -> tuple[Figure, SimulatedMotion, VibroImpact]:
     return figure, run, system
 
 
+@cache
+def _last_cycle(system: VibroImpact, force: float) -> SimulatedMotion:
+    """The last of SETTLED cycles of a drive at the resonance of the linearised mass.
+
+    force: amplitude of the drive, in the sketch's own units.
+    """
+    f = linearized(system).resonance
+    drive = Sinusoid(force, f)
+    run = simulate(system, 0.0, 0.0, SETTLED / f, drive, tolerance=1e-9, step_max=0.008 / f)
+    return run.during((SETTLED - 1.0) / f, SETTLED / f)
+
+
 def _ellipse(system: VibroImpact, run: SimulatedMotion, frequency: float) -> tuple[Floats, Floats]:
     """Position and force, in the sketch's own units, of the linearised mass over one cycle: a
     Kelvin-Voigt ellipse, shape (200,) each.
@@ -169,7 +290,8 @@ def _ellipse(system: VibroImpact, run: SimulatedMotion, frequency: float) -> tup
 
 def figure_8() -> Figure:
     """Squeezed, with impacts: the two loops overlap and add up."""
-    return _overlap(1.6)[0]
+    figure, _, _ = _overlap(1.6)
+    return figure
 
 
 def figure_9() -> tuple[Figure, str]:
@@ -262,10 +384,10 @@ _OVERLAID = (0, 1, 5, 4)
 def _in_engine(
     name: str, tuned_at: float | None, effort: Effort
 ) -> tuple[EngineTrajectory, EngineTrajectory]:
-    """The motion of the clear mass, and the last cycle of the squeezed one.
+    """The motion of the clear mass, and the last cycle of the squeezed one, in an engine.
 
-    name: of the engine. tuned_at: as of `simulate_in_engine`, which raises EngineMissing and
-    EngineFailed.
+    name: of the engine. tuned_at: speed, m/s, at which its own contact is tuned; None: its plug-in
+    is used. Raises EngineMissing, and EngineFailed where the engine crashes or hangs.
     """
     clear = simulate_in_engine(
         name, LOOSE, 0.0, START, CLEAR_FOR, CLEAR, timestep=effort.timestep, tuned_at=tuned_at

@@ -22,7 +22,9 @@ TRAINING: tuple[int, ...] = ()
 VALIDATION = (0,)
 TIMESTEP = 5e-5
 DURATION = 0.06  # s
-RADIUS, DENSITY, SPEED = 0.0025, 4000.0, 3.9  # m, kg/m³, m/s
+RADIUS = 0.0025  # m
+DENSITY = 4000.0  # kg/m³
+SPEED = 3.9  # m/s
 MASS = DENSITY * 4.0 / 3.0 * np.pi * RADIUS**3
 INERTIA = 0.4 * MASS * RADIUS**2
 FIXED = {"restitution": 0.98, "friction": 0.092}
@@ -75,9 +77,10 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
 def outcome(
     module: TossModule, setting: ContactSetting, values: tuple[float, ...], bounces: MeasuredBounces
 ) -> SettingErrors:
-    """Errors of the ratio of tangential speeds, of an engine's setting.
+    """Errors of an engine's setting: of the ratio of tangential speeds after and before.
 
-    module: `toss` of the engine. values: of the setting's parameters. bounces: of `cases`.
+    module: `toss` of the engine. values: of the setting's parameters. bounces: all throws. Raises
+    what the engine raises.
     """
     later, spin = bounced(module, setting, values, body(), bounces, TIMESTEP, DURATION)
     return judged(bounces, later, spin)
@@ -86,7 +89,7 @@ def outcome(
 def rigid(bounces: MeasuredBounces, e: float, friction: float) -> SettingErrors:
     """Errors of a rigid ball with a constant e and Coulomb's friction.
 
-    bounces: of `cases`, without spin and with z up.
+    bounces: velocities at the touch, m/s, with z up, without spin. friction: μ.
     """
     # Impulses over the mass, m/s: of the normal force, and of friction, which slides, or stops the
     # slip, at 2/7 of it for a solid ball.

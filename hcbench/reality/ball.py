@@ -29,7 +29,8 @@ PARTS = 3
 FIXED = {"friction": 0.266}
 TIMESTEP = 2e-3
 DURATION = 0.06  # s
-RADIUS, MASS = 0.02, 0.0027  # m, kg
+RADIUS = 0.02  # m
+MASS = 0.0027  # kg
 # A thin shell.
 INERTIA = 2.0 / 3.0 * MASS * RADIUS**2
 FILE = "data/trajectories/trajectories.zip"
@@ -102,11 +103,11 @@ def read(path: Path) -> MeasuredBounces:
 
 
 def _track(archive: zipfile.ZipFile, root: str, number: int) -> Floats:
-    """The finite rows of a track, shape (n, 4): time, s, and place, m; none where the archive
-    lacks it.
+    """The finite rows of a track, shape (n, 4): time, s, and place, m; none where the archive lacks
+    it.
 
-    root: folder of the tracks in the archive, with a slash at the end. Raises what a damaged
-    archive leads to.
+    root: folder of the tracks in the archive, with a slash at the end. number: of the track, which
+    names its file. Raises what a damaged archive leads to.
     """
     name = f"{root}{number:03d}.csv"
     if name not in archive.namelist():
@@ -249,7 +250,12 @@ def outcome(
 
 
 def rigid(bounces: MeasuredBounces, e: float, friction: float) -> SettingErrors:
-    """Errors, m/s, of a rigid ball with a constant e and Coulomb's friction."""
+    """Absolute errors of the normal speed after, m/s, of a rigid ball with a constant e and
+    Coulomb's friction.
+
+    bounces: velocities, m/s, and spins, rad/s, at the touch, z up. friction: μ, which changes the
+    speeds along the table alone.
+    """
     # Velocity of the contact's point by the spin, m/s.
     lever = np.cross(bounces.spin, [0.0, 0.0, -RADIUS])[:, :2]
     slip = bounces.velocity[:, :2] + lever

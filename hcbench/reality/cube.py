@@ -118,8 +118,10 @@ class _Unpickler(pickle.Unpickler):
         self.load_storage = load
 
     def find_class(self, module: str, name: str) -> Any:
-        """The few names that a tensor is made of. Raises UnpicklingError for any other: it could run
-        code.
+        """The few names that a tensor is made of; `module` and `name` are those that the file asks
+        for.
+
+        Raises UnpicklingError for any other: it could run code.
         """
         if (module, name) == ("torch._utils", "_rebuild_tensor_v2"):
             return lambda storage, offset, shape, strides, *_: _Tensor(
@@ -134,7 +136,8 @@ class _Unpickler(pickle.Unpickler):
     def persistent_load(self, pid: Any) -> Callable[[], _Numbers]:
         """A function that reads a storage, since its numbers follow later in the file.
 
-        Raises UnpicklingError for a kind of numbers that is not known.
+        pid: what the file names the storage by, whose second and third parts are the kind of its
+        numbers and its key. Raises UnpicklingError for a kind of numbers that is not known.
         """
         _, kind, key, *_ = pid
         if kind not in _KINDS.values():
@@ -312,11 +315,12 @@ def poses(folder: Path | None = None) -> Iterator[tuple[int, Floats]]:
 
 
 def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> Tosses:
-    """Tosses with number % 5 in `parts` that have a flight long enough
-    to know their start, by number.
+    """Tosses with number % 5 in `parts` that have a flight long enough to know their start, by
+    number.
 
-    folder: of the original repository; None: the shipped tosses, without part 4.
-    variant: what of the data is left as published, one of VARIANTS. Raises UserError as `poses`.
+    folder: of the original repository; None: the shipped tosses, without part 4. variant: what of
+    the data is left as published, one of VARIANTS. Raises UserError for a folder of anything else,
+    and for a file that is not of a toss.
     """
     corrections = VARIANTS[variant]
     motions = []
@@ -332,14 +336,20 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
 def outcome(
     module: TossModule, setting: ContactSetting, values: tuple[float, ...], tosses: Tosses
 ) -> SettingErrors:
-    """Errors of an engine's setting."""
+    """Errors of an engine's setting: mean distances over a toss, in per cent of the cube's width,
+    and angles, rad.
+
+    module: `toss` of the engine, which runs in this process. values: of the setting's parameters.
+    Raises what the engine raises.
+    """
     return tosses.outcome(module, setting, values, TIMESTEP)
 
 
 def as_motion(number: int, rows: Floats, corrections: Corrections = CORRECTED) -> Motion:
     """A toss in metres and seconds, with the plate at z = 0.
 
-    number: of the toss. rows: as `poses` gives them, a frame each.
+    number: of the toss. rows: a frame each, (n, 7): position in half widths and quaternion w first,
+    as published.
     """
     time = np.arange(len(rows), dtype=np.float64) * PERIOD
     place = rows[:, :3] * HALF_WIDTH * corrections.scale

@@ -118,7 +118,8 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
 
 
 def read(path: Path) -> Floats:
-    """Rows of the .mat file that no flag marks, shape (n, 10), in the order of `_COLUMNS`.
+    """Rows of the .mat file that no flag marks, shape (n, 10): velocities before and after,
+    attitude, levers and number, in the order and units of `_COLUMNS`.
 
     Without those whose contact comes down slower than 0.5 m/s, or leaves at 1.5 times its speed or
     more. Raises UserError for a file that is not the set's.
@@ -151,7 +152,11 @@ def pack(folder: Path) -> None:
 
 
 def errors(impacts: EllipseImpacts, predicted: Floats) -> Floats:
-    """Distance of velocities, m/s, spins scaled by the radius of gyration, shape (n,)."""
+    """Distance of the predicted velocities from the measured ones after each impact, m/s, shape
+    (n,).
+
+    predicted: x, z and spin, m/s and rad/s, shape (n, 3). Spins count times the radius of gyration.
+    """
     away: Floats = np.linalg.norm((predicted - impacts.after) * [1.0, 1.0, GYRATION], axis=1)
     return away
 
@@ -159,7 +164,8 @@ def errors(impacts: EllipseImpacts, predicted: Floats) -> Floats:
 def outcome(
     module: TossModule, setting: ContactSetting, values: tuple[float, ...], impacts: EllipseImpacts
 ) -> SettingErrors:
-    """Errors of an engine's setting, see `errors`, m/s.
+    """Errors of an engine's setting: distance of the velocities after, m/s, with the spin times the
+    radius of gyration.
 
     module: `toss` of the engine, which runs in this process. values: of the setting's parameters.
     Raises what the engine raises.
@@ -180,8 +186,10 @@ _INVERSE = np.diag([1.0 / MASS, 1.0 / MASS, 1.0 / INERTIA])
 
 
 def coulomb(impacts: EllipseImpacts, e: float, friction: float) -> Floats:
-    """Velocities (x, z, spin) after, shape (n, 3), by a rigid law: Newton's e, and Coulomb's
-    friction in the direction of the impulse that would stop the slip.
+    """Velocities (x, z, spin) after, m/s and rad/s, shape (n, 3), by a rigid law.
+
+    e: Newton's, of the contact point along the normal. friction: Coulomb's μ; it acts in the
+    direction of the impulse that would stop the slip.
     """
     normal = impacts.normal
     tangent = impacts.tangent
@@ -208,7 +216,9 @@ def coulomb(impacts: EllipseImpacts, e: float, friction: float) -> Floats:
 
 
 def fit_coulomb(impacts: EllipseImpacts) -> tuple[float, float]:
-    """e and friction of `coulomb` that make the mean error least, by a search from 0.5 and 0.1."""
+    """(e, friction) of `coulomb` that make the mean error of the impacts least, by a search from
+    0.5 and 0.1.
+    """
 
     def mean(u: Floats) -> float:
         return float(errors(impacts, coulomb(impacts, float(u[0]), abs(float(u[1])))).mean())
@@ -248,11 +258,12 @@ def free_impulse(impacts: EllipseImpacts) -> Floats:
 
 
 def _bounded(scaled: Floats, aim: Floats, start: Floats, gain: Any) -> Floats:
-    """The impulse nearest to `aim` that adds no energy, N s along the normal and the tangent, shape
-    (2,).
+    """The impulse nearest to a wanted change that adds no energy, N s along the normal and the
+    tangent, shape (2,).
 
     scaled: change of the scaled state by each impulse, shape (3, 2).
     aim: wanted change of the scaled state, m/s, shape (3,).
+    start: the impulse that comes nearest without regard to energy, N s, shape (2,).
     gain: share of the energy that an impulse takes away.
     """
 

@@ -29,6 +29,12 @@ from hcbench.terms.impact import Floats
 
 # Noise of the ellipse's speeds before an impact, m/s: the residuals of a free impulse imply it.
 ELLIPSE_NOISE = 0.09
+# Words for what was read: the cube's tosses, and their twins, before the name of the twins' law.
+MEASURED = "cube, measured"
+SYNTHETIC = "cube, synthetic: "
+# Names of the two laws that twins have.
+CONSTANT_E = "constant e"
+ALPHA = "alpha"
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,16 +102,16 @@ def cube_slopes(
     """Slopes of e of the cube's tosses, first, and of their twins.
 
     impacts: read from the tosses. twins: read from simulated tosses, by the name of their law;
-    that of "constant e" tells what the reading makes of a constant e.
+    that of CONSTANT_E tells what the reading makes of a constant e.
     """
     of_twins = {}
     for law, each in twins.items():
-        of_twins[law] = slope_of(f"cube, synthetic: {law}", *speeds_and_e(each), "")
+        of_twins[law] = slope_of(f"{SYNTHETIC}{law}", *speeds_and_e(each), "")
     words = "not simulated"
-    constant = of_twins.get("constant e")
+    constant = of_twins.get(CONSTANT_E)
     if constant is not None:
         words = f"{constant.slope:.3f} ({constant.low:.3f} to {constant.high:.3f})"
-    return [slope_of("cube, measured", *speeds_and_e(impacts), words), *of_twins.values()]
+    return [slope_of(MEASURED, *speeds_and_e(impacts), words), *of_twins.values()]
 
 
 def ellipse_slope(impacts: Any) -> Slope:

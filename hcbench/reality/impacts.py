@@ -250,7 +250,8 @@ class _ImpactFit:
         each of n frames the place, then of each the attitude, then the priors of the jump and its
         turn.
         """
-        sets, frames = len(u), len(self.time)
+        sets = len(u)
+        frames = len(self.time)
         turn, _, velocity, spin = self._after(u)
         since = self.since[None, :, None]
         later = self.later[None, :, None]

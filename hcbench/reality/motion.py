@@ -122,9 +122,12 @@ def motion(number: int, body: Body, time: Floats, position: Floats, quaternion: 
     """A measured motion that ends at rest on the ground; its last frames show the height of the
     ground.
 
+    number: which of its data set. body: that moves.
     time: s, shape (n,).
     position: of the centre, m, shape (n, 3), over any level.
     quaternion: w first, shape (n, 4).
+    The result has the plate at z = 0, the flight before the first touch, and the state at its
+    start.
     """
     # z of the body's axes: the body lies on the face whose axis is most upright.
     up = np.abs(rotation(quaternion[-REST:]).as_matrix()[:, 2, :].mean(axis=0))
@@ -227,8 +230,11 @@ class Tosses:
         values: Sequence[float],
         timestep: float = TIMESTEP,
     ) -> SettingErrors:
-        """Errors of an engine's setting: mean distances over a toss,
-        in per cent of the body's width, see `judged`; arguments as of `simulated`.
+        """Errors of an engine's setting: mean distances over a toss, in per cent of the body's
+        width, and angles, rad; see `judged`.
+
+        module: `toss` of the engine, which runs in this process. values: of the setting's
+        parameters. timestep: s. Raises what the engine raises.
         """
         return self.judged(self.simulated(module, setting, values, timestep), timestep)
 
@@ -320,9 +326,11 @@ def bounced(
     timestep: float,
     duration: float,
 ) -> tuple[Floats, Floats]:
-    """Velocities (m/s) and spins (rad/s) with which an engine's bodies
-    leave the plate, shape (n, 3) each; of one that does not leave, see `_after`.
+    """Velocities (m/s) and spins (rad/s) with which an engine's bodies leave the plate, shape (n,
+    3) each.
 
+    One that has not left at the end has the velocity along the plate of the last step, and none
+    upwards.
     module: `toss` of the engine, which runs in this process. values: of the setting's parameters.
     bounces: the states at the touch to start from. timestep, duration: s.
     Raises what the engine raises.

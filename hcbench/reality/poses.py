@@ -10,8 +10,15 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from hcbench.reality.data_sets import Cell, Tick, outcome_of, run_each, settings_of
-from hcbench.reality.identify import best_values, search
+from hcbench.reality.data_sets import (
+    Cell,
+    Tick,
+    best_values,
+    outcome_of,
+    run_each,
+    search,
+    settings_of,
+)
 from hcbench.reality.impacts import ImpactRead, read_impacts
 from hcbench.reality.motion import LEAST_FLIGHT, Tosses, motion
 from hcbench.reality.study import SettingScore, of_cell
@@ -56,9 +63,10 @@ class Own:
 
 
 def box(size: Sequence[float], mass: float, inertia: Sequence[float] = ()) -> Body:
-    """Build a box from its three edges (m) and mass (kg).
+    """Build a box from its three edges and its mass.
 
-    inertia: three about its axes, kg m², or one for all; that of a solid box where none is given.
+    size: edges, m. mass: kg. inertia: three about its axes, kg m², or one for all; that of a solid
+    box where none is given.
     Raises UserError for another number of edges or moments, and unless all numbers are above 0.
     """
     if len(size) != 3:
@@ -110,12 +118,12 @@ def _first_box(root: ElementTree.Element) -> tuple[ElementTree.Element, ElementT
 
 
 def read(paths: Sequence[Path], body: Body) -> Tosses:
-    """A toss of each CSV file, a row for each frame, in COLUMNS: time in s, place in m, and
-    quaternion.
+    """A toss of each CSV file, a row for each frame.
 
-    body: that was tossed. Raises UserError for a file that cannot be read, other columns, times
-    that do not rise, quaternions that are not rotations, and fewer than five frames of flight
-    before the first touch.
+    paths: files with COLUMNS: time in s, place in m, and quaternion, w first. body: that was
+    tossed.
+    Raises UserError for a file that cannot be read, other columns, times that do not rise,
+    quaternions that are not rotations, and fewer than five frames of flight before the first touch.
     """
     motions = []
     for number, path in enumerate(paths):

@@ -17,15 +17,18 @@ from hcbench.reality.cube import VARIANTS
 from hcbench.reality.data_sets import (
     SETS,
     Cell,
+    Parameters,
     Tick,
+    committed,
+    identify,
     installed,
     outcome_of,
     parts_of,
     run_each,
     settings_of,
+    values_of,
 )
 from hcbench.reality.evidence import Slope, Switch
-from hcbench.reality.identify import Parameters, committed, identify, values_of
 from hcbench.reality.impacts import POSITION_NOISE, ROTATION_NOISE, ImpactRead, read_impacts
 from hcbench.reality.motion import (
     Motion,
@@ -78,10 +81,11 @@ def of_cell(cell: Cell, outcome: SettingErrors) -> SettingScore:
 def of_outcome(
     data: str, engine: str, setting: str, cone: str, outcome: SettingErrors
 ) -> SettingScore:
-    """The score of a setting or of a floor.
+    """The score of a setting or of a floor: its mean error with a 95 % interval.
 
-    data: name of the data set, whose unit the errors have. For the others see
-    `SettingScore`.
+    data: name of the data set, whose unit the errors have. engine: its name, NO_ENGINE for a floor.
+    setting: name of the setting or the floor. cone: of friction, "" where there is no choice.
+    outcome: errors, one a toss or bounce.
     """
     low, high = interval(outcome.errors)
     turned = None if outcome.rotations is None else float(np.degrees(outcome.rotations.mean()))
@@ -264,9 +268,11 @@ def run(request: RealityRequest, pool: WorkerPool, tick: Tick | None = None) -> 
 
 
 def _both_parts(request: RealityRequest, data: str) -> tuple[Any, Any]:
-    """The training part of a data set, and what is judged: as the set's `cases` gives them.
+    """(motions or impacts of the training part of a data set, those that are judged), as the set's
+    `cases` makes them.
 
-    Raises UserError for a folder that is not of the set's data.
+    data: name of the set. The parts that are judged are the request's one, or the set's validation
+    parts. Raises UserError for a folder that is not of the set's data.
     """
     folder = request.folders.get(data)
     return tuple(
@@ -399,18 +405,20 @@ def _impacts(
             Cell("cube", engine, falling.key, (TWIN_ALPHA, friction), parts, folder),
         ]
         of_constant, of_falling = run_each(pool, _read_twins, cells)
-        twins = {"constant e": of_constant, "alpha": of_falling}
+        twins = {evidence.CONSTANT_E: of_constant, evidence.ALPHA: of_falling}
     return reading.result(), twins
 
 
 def _read(parts: tuple[int, ...], folder: Path | None) -> list[ImpactRead]:
-    """In a worker process."""
+    """Read the impacts of the cube's tosses of some parts; in a worker process."""
     tosses = SETS["cube"].cases(parts, folder)
     return read_impacts(tosses.body, tosses.motions)
 
 
 def _read_twins(cell: Cell) -> list[ImpactRead]:
-    """In a worker process."""
+    """Read the impacts of twins of every _TWIN_EVERY-th toss of a cell, under its setting; in a
+    worker process of its engine.
+    """
     measured = cell.cases.motions[::_TWIN_EVERY]
     made = twins(cell.module, cell.cases.body, cell.contact, cell.values, measured)
     return read_impacts(cell.cases.body, made)

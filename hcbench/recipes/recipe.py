@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from hcbench.terms.impact import Floats
 
     Progress = Callable[[int, int], None]
-    Errors = Callable[[Floats], Floats]
     LimitedErrors = Callable[[Floats, Floats], Floats]
 
 _MUTATION = (0.4, 0.9)
@@ -102,15 +101,13 @@ class Search:
             self._best = float(errors[i]), np.array(parameters[i])
         self.add(len(errors))
 
-    def recorded(self, errors: Errors) -> LimitedErrors:
-        """Function of parameters (n, k) and limits, of these errors, (n,), whose evaluations are
-        counted.
-
-        The limits are not used; the best is remembered.
+    def recorded(self, errors: LimitedErrors) -> LimitedErrors:
+        """The function of parameters (n, k) and limits, (n,), with its evaluations counted and the
+        best remembered.
         """
 
-        def evaluate(parameters: Floats, _: Floats) -> Floats:
-            off = errors(parameters)
+        def evaluate(parameters: Floats, limits: Floats) -> Floats:
+            off = errors(parameters, limits)
             self.record(parameters, off)
             return off
 

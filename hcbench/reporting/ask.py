@@ -116,7 +116,8 @@ def write_report(
     warn: Callable[[str], None],
     device: str = "",
 ) -> StudyReport:
-    """Write a report as `report` does.
+    """Write a report: run a study, or read a finished sweep, and write its page with tables and
+    figures.
 
     study: a path, the folder of a finished sweep, or a built-in name.
     out: the folder; None: the default one.
@@ -126,8 +127,11 @@ def write_report(
     warn: takes a line on each thing that was left out.
     device: of the engines, "" for any.
 
-    Raises as `report`; UserError also for a device with a sweep that has run, and for a folder that
-    holds a report with engines that are missing now.
+    Raises UserError for a study that cannot be read, what an engine refuses, a folder with a file
+    in the way that hcbench did not write, a device with a sweep that has run, and a folder that
+    holds a report with engines that are missing now; CannotRun where an engine is not installed,
+    unless the study is built in, and where a worker fails; OutputError for a folder that cannot be
+    written.
     """
     with WorkerPool(jobs) as pool:
         with stage("reading the study"):
@@ -171,8 +175,9 @@ def find_plan(name: str, warn: Callable[[str], None], device: str = "") -> tuple
     any one plug-ins that cannot be compiled, with a line to `warn`.
 
     name: of a file, a folder or a built-in study. device: that the engines compute on; "" for any.
-    Raises as `find_study` and `load_study`; StudyError where no engine of a built-in study is
-    installed; NotCompiled where nothing but such plug-ins is in it.
+    Raises StudyError for a name that no study has, a file that is none, and where no engine of a
+    built-in study is installed; SceneError for a scene that cannot be read; NotCompiled where
+    nothing but such plug-ins is in it.
     """
     path = find_study(name)
     study = load_study(path)

@@ -214,7 +214,10 @@ def _draw_law(axes: Axes, view: View, alpha: float) -> None:
 
 
 def _draw_curve(axes: Axes, view: View, run: RunKey, curve: Curve, nth: int) -> None:
-    """One setting: mean over phases, with the band that the phases span."""
+    """Draw one setting: mean e over impact speed, with the band that the phases span.
+
+    curve: of the setting. nth: place of the setting in the figure, which shifts its marks.
+    """
     style = view.plot_style(run)
     if (curve.highest - curve.lowest > _BAND_SHOWN).any():
         draw_band(axes, curve.speed_in, curve.lowest, curve.highest, style.colour)

@@ -101,7 +101,7 @@ def explorer(by_gravity: Views) -> Explorer | None:
 
 
 def _sentences_once(data: Mapping[str, Any]) -> dict[str, Any]:
-    """The explorer's data with each sentence of its answers stored once, under `sentences`.
+    """The data of the explorer with each sentence of its answers stored once, under `sentences`.
 
     In place of its sentences, `more`, a choice has their numbers there: an answer's choices share
     most of them, and the page stays small.
@@ -256,9 +256,9 @@ def _choice(choice: PageChoice) -> dict[str, Any]:
 
 
 def _unknown(start: Mapping[str, Any]) -> dict[str, Any]:
-    """A choice in place of an unknown answer: the command that finds one.
+    """A choice in place of an unknown answer, as the script takes it: the command that finds one.
 
-    start: engine, step (s), gravity (m/s²) and alpha (s/m).
+    start: engine, step (s), gravity (m/s²) and alpha (s/m), by name.
     """
     engine, step, gravity, alpha = (start[name] for name in ("engine", "step", "gravity", "alpha"))
     asked = f'--alpha "{alpha:g} s/m" --timestep "{step:g} s" --gravity {gravity:g}'

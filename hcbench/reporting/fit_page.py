@@ -125,8 +125,8 @@ def curve_picture(result: FitResult, suffix: str) -> bytes:
 
 
 def _residual_figure(result: FitResult) -> Figure:
-    """The likeliest difference of each impact's e from the law, in per cent, and what is then left
-    of each reading, over its noise; a band of two standard deviations on either.
+    """Two panels: the likeliest difference of the e of each impact from the law, in per cent, and
+    what is then left of each reading, over its noise. On either, a band of two standard deviations.
     """
     figure = new_figure(6.4, 3.4)
     upper, lower = figure.subplots(2, 1)
@@ -201,8 +201,10 @@ def _sound_figure(s: TouchTimes) -> Figure:
 def _draw_waveform(
     axes: Axes, recording: Recording, first: int, last: int, touches: Iterable[float]
 ) -> None:
-    """Draw samples first ... last - 1 of a recording over time, with a line at each touch (s, in
-    the time of the recording's file).
+    """Draw samples of a recording over time, with a line at each touch.
+
+    first, last: numbers of the first sample, and of the one after the last. touches: s, in the time
+    of the recording's file.
     """
     sound = recording.sound[first:last]
     # The least and the largest of every `stride` samples, so that no peak is lost.

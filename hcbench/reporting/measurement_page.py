@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from hcbench.laws import closed_form
 from hcbench.measuring.curve import Curve
-from hcbench.measuring.landing import by_drop, headline, labels
+from hcbench.measuring.landing import CHANCE, by_drop, headline, labels, span
 from hcbench.measuring.measurement import Measurement
 from hcbench.measuring.text import motion_notes, setting_text
 from hcbench.reporting.explorer import (
@@ -141,6 +141,8 @@ def landing_page(robots: Sequence[Landings]) -> str:
         headlines=[line for landings in robots for line in headline(landings)],
         several=len(robots) > 1,
         drops=list(by_drop(robots, names)),
+        span=span,
+        chance=CHANCE,
         forces=draw(Drawing("forces", lambda: force_figure(robots))),
     )
 
@@ -149,7 +151,8 @@ def force_figure(robots: Sequence[Landings]) -> Figure:
     """Force of the floor over weight, over time in ms: a column a robot, a row a tilt, a line a
     height.
 
-    robots: as of `landing_page`; the tilts are those of the first one.
+    robots: landings of one robot or several, all from the same drops; the tilts are those of the
+    first one.
     """
     tilts = list(dict.fromkeys(drop.tilt for drop in robots[0].drops))
     panel_width, panel_height = _PANEL

@@ -58,7 +58,7 @@ def as_html(result: FitResult) -> str:
 
 
 def _rows(rows: Iterable[tuple[str, ...]]) -> str:
-    """HTML of a table's body."""
+    """HTML of a table's body: a line of cells for each of the rows, escaped."""
     lines = []
     for row in rows:
         cells = "".join(f"<td>{escape(cell)}</td>" for cell in row)

@@ -95,6 +95,8 @@ def page_header(folder: Path | None = None) -> Header:
 def _in_clone(folder: Path, path: str) -> str:
     """The link from a folder of reports/ to a page of the site, or to the file that it is made of;
     "" where that is not there, as in a source archive.
+
+    path: of the page in the site, such as docs/howto/measure.html.
     """
     if path.startswith("docs/"):
         path = path.removesuffix(".html") + ".md"
@@ -188,7 +190,9 @@ def draw(
 def counted(
     figures: Iterable[dict[str, Any]], total: int, tick: Callable[[int, int], None] | None
 ) -> Iterator[dict[str, Any]]:
-    """The figures, one after the other; `tick` is called with how many came."""
+    """The figures, one after the other, with progress: `tick` is called with how many came, and of
+    how many in total.
+    """
     for done, figure in enumerate(figures, 1):
         yield figure
         if tick is not None:
@@ -241,7 +245,7 @@ def header_html(header: Header) -> str:
 
 
 def _templates() -> Environment:
-    """The package's templates, with the filters that they use."""
+    """The templates of the package, with the filters that they use."""
     environment = Environment(
         loader=PackageLoader("hcbench.reporting"),
         autoescape=True,

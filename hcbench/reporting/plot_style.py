@@ -194,8 +194,10 @@ def speed_axis(axes: Axes, label: bool = True, inches: bool = True) -> None:
 def second_axis(
     axes: Axes, where: Literal["top", "right"], label: str, scale: float = INCH
 ) -> None:
-    """A second axis along x (top) or y (right) in other units; `scale`
-    is one such unit in the first's: 0.0254 for in/s over an axis in m/s.
+    """Draw a second axis along x (top) or y (right) in other units.
+
+    where: top or right. label: of the axis. scale: one such unit in the first's: 0.0254 for in/s
+    over an axis in m/s.
     """
     functions = (lambda x: np.asarray(x) / scale, lambda x: np.asarray(x) * scale)
     if where == "top":

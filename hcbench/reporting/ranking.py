@@ -186,9 +186,8 @@ _OTHER_SIZE = 2.0
 class RunVerdict:
     """Verdict on one run, in words.
 
-    restitution: on its e. loop: on its force loops, see `loop_verdict`.
-    grade: "good", "even", "bad", for colour beside the words.
-    lacks: what keeps it from being used under gravity, see `lacks`.
+    restitution: on its e. loop: on its force loops. grade: "good", "even", "bad", for colour beside
+    the words. lacks: what keeps it from being used under gravity.
     """
 
     restitution: str
@@ -224,8 +223,10 @@ def tie(view: View) -> float:
 
 
 def error_ratio(view: View, run: RunKey) -> float:
-    """`over_constant` of the main α under gravity, else of the worst α; the number by which runs
-    are ranked. inf for a run that gained energy, lost impacts or has no score.
+    """The number by which runs are ranked, the least first: the error against the law over that of
+    the best constant e, see `over_constant`. Under gravity of the main α, else of the worst α.
+
+    inf for a run that gained energy, lost impacts or has no score.
     """
     if any(score["failed"] or score["energy_gained"] for score in _judged(view, run)):
         return math.inf

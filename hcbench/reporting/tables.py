@@ -169,8 +169,10 @@ def rows(by_gravity: Views, results: Results) -> list[dict[str, Any]]:
 
 
 def _keys_by_run(results: Results, alpha: float) -> dict[tuple[Any, ...], list[Key]]:
-    """Values of _RUN_AT_GRAVITY -> keys of its impacts without friction, for one α (s/m), at every
-    place.
+    """Keys of the impacts without friction for one α at every place, by the values of
+    _RUN_AT_GRAVITY.
+
+    alpha: s/m.
     """
     runs: dict[tuple[Any, ...], list[Key]] = {}
     for key in results.table.folded:
@@ -316,8 +318,10 @@ def constants(by_gravity: Views) -> list[Cells]:
 
 
 def _constant(view: View, runs: Iterable[RunKey], alpha: float) -> str:
-    """Error of the best constant e for one α (s/m): that of the first run
-    which has a score; "–" for none.
+    """Error of the best constant e for one α, as a cell: that of the first run which has a score;
+    "–" for none.
+
+    alpha: s/m.
     """
     for run in runs:
         score = view.score(run, alpha)

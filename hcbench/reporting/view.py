@@ -322,9 +322,10 @@ class View:
         return self._run(*(record[name] for name in _RUN))
 
     def _run(self, scene: Any, engine: Any, setting: Any, timestep: Any = 0.0) -> RunKey:
-        """The run with these values of its key; `timestep` in s.
+        """The run with these values of its key.
 
-        scene: its name. Raises KeyError for a scene that the study does not have.
+        scene, engine, setting: names, or texts of NumPy. timestep: s. Raises KeyError for a scene
+        that the study does not have.
         """
         place = ""
         if scene != self.study["scene"]:

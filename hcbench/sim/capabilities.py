@@ -219,6 +219,38 @@ class RandomizesContacts(OpensModels):
         """
 
 
+class VariedContact(ABC):
+    """A user's model whose pair can have other contact parameters.
+
+    parameters: their names, the engine's own.
+    """
+
+    parameters: tuple[str, ...]
+
+    @abstractmethod
+    def open(self, request: Request, values: Mapping[str, float]) -> ModelUnderTest:
+        """The model with some parameters of the pair's contact changed, for the launches of a
+        request.
+
+        values: by names of `parameters`. Each call opens a copy, so that what it measures depends
+        on its arguments alone. Raises UserError, with QuantityError among its kinds, for values
+        that no contact has.
+        """
+
+
+class VariesContacts(OpensModels):
+    """Gives a pair of a user's model other contact parameters, and leaves other contacts alone."""
+
+    @abstractmethod
+    def varied(
+        self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
+    ) -> VariedContact:
+        """A user's model whose pair can be changed.
+
+        source, rebuild: as in `open`. Raises as `open`.
+        """
+
+
 class TunesModels(OpensModels):
     """Writes settings for models that users wrote.
 

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 # A foot that is off the floor for longer, s, has left it; shorter gaps are chatter.
 PARTED_S = 0.005
+# Places in a time step where the first foot touches.
+PHASES = (0.0, 0.25, 0.5, 0.75)
 # Time after the first touch, s, in which a landing is measured.
 WINDOW_S = 0.5
 # A floor is waited for as long as this times the time of a free fall, and some s more.
@@ -82,6 +84,8 @@ class Landing:
     feet: in the order in which they met the floor.
     impulse: of the floor in one step, the largest, N s, where a plug-in's law gives the feet
     impulses; NaN where they feel forces.
+    others: the same drop with the first touch at other places in a time step, which is chance; ()
+    where there are none, and in each of them.
     """
 
     height: float
@@ -93,6 +97,14 @@ class Landing:
     time: Floats = field(repr=False, compare=False)
     force: Floats = field(repr=False, compare=False)
     impulse: float = field(default=math.nan, compare=False)
+    others: tuple[Landing, ...] = field(default=(), repr=False, compare=False)
+
+    def over_phases(self, name: str) -> tuple[float, float]:
+        """The least and the largest value of an attribute over all places of the touch in a step; NaN
+        where one is.
+        """
+        values = np.array([getattr(one, name) for one in (self, *self.others)], dtype=np.float64)
+        return float(values.min()), float(values.max())
 
     @property
     def restitution(self) -> float:
@@ -156,7 +168,7 @@ class Landings(Shown):
         """Lines for a terminal: the robot, then each drop. Heights in m, forces over the weight."""
         yield f"{self.model}: {self.robot} ({self.mass:.4g} kg) on {self.floor}, {self.engine} {self.version}"
         for drop in self.drops:
-            peak = f"force {drop.peak:.3g} times its weight"
+            peak = f"force {drop.over_phases('peak')[1]:.3g} times its weight"
             largest = peak if math.isnan(drop.impulse) else f"impulse {drop.impulse:.3g} N s"
             rest = f"largest {largest}, {drop.bouncing} feet bounce"
             yield f"from {drop.height:.3g} m: e = {drop.restitution:.3f}, {rest}"
@@ -216,6 +228,21 @@ def latest_touch(height: float, gravity: float) -> float:
     return _FALL_SHARE * math.sqrt(2.0 * height / gravity) + _SLACK_S
 
 
+def raised_for(phase: float, height: float, gravity: float, timestep: float) -> float:
+    """Height, m, by which to raise a drop from `height`, m, so that it touches later by that share of
+    a time step, s.
+
+    gravity: m/s².
+    """
+    return phase * timestep * math.sqrt(2.0 * gravity * height)
+
+
+def over_phases(landing_at: Callable[[float], Landing]) -> Landing:
+    """The landing at the first of PHASES, with those at the others. landing_at: drops at a phase."""
+    first, *others = (landing_at(phase) for phase in PHASES)
+    return replace(first, others=tuple(others))
+
+
 def take_off_speed(force: Floats, rising: Floats, step: float) -> float:
     """The largest upward speed with which the whole robot leaves the
     floor, m/s; 0 where it never does.
@@ -239,8 +266,6 @@ def take_off_speed(force: Floats, rising: Floats, step: float) -> float:
 HEIGHTS = (0.02, 0.05, 0.1)
 # Tilts of the base, rad.
 TILTS = (0.0, math.radians(5.0))
-# Places in a time step where the first foot touches.
-PHASES = (0.0, 0.25, 0.5, 0.75)
 # Time after release, s; and of a robot that falls over by itself, whose fall is chance.
 SECONDS = 10.2
 SECONDS_TO_FALL = 1.2
@@ -504,8 +529,9 @@ class DropTest(LandingQuantities):
 class Reach:
     """Limits of the rebound that a contact of the feet can give a robot.
 
-    rebound: the largest of the settings that were tried and do not land worse, m. stiffer: (factor
-    of the servos' kp, largest rebound with it at the touch, m), in order; () where none was needed.
+    rebound: the nearest to the target, m, of the model as it is and the settings that were tried and
+    do not land worse. stiffer: (factor of the servos' kp, largest rebound with it at the touch, m),
+    in order; () where none was needed.
     """
 
     rebound: float
@@ -516,13 +542,13 @@ class Reach:
 class ReboundSettings:
     """Settings that an engine finds for a rebound, each computed when it is asked for.
 
-    meeting: settings that have it in some drops, the most promising first. highest: settings with
-    the largest rebounds, the largest first. stiffer: see `Reach`.
+    meeting: settings that have it in some drops, the most promising first. nearest: settings whose
+    rebounds are nearest to it, the nearest first. stiffer: see `Reach`.
     advice: sentences on options of the model that spoil every landing.
     """
 
     meeting: Iterable[ModelSetting]
-    highest: Iterable[ModelSetting]
+    nearest: Iterable[ModelSetting]
     stiffer: Callable[[], tuple[tuple[float, float], ...]]
     advice: tuple[str, ...] = ()
 

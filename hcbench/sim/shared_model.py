@@ -17,7 +17,7 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
 from hcbench.recipes.recipe import map_result
 from hcbench.sim import registry
-from hcbench.sim.capabilities import OpensModels, opener
+from hcbench.sim.capabilities import OpensModels, VariedContact, VariesContacts, opener
 from hcbench.sim.columns import Impacts
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.read_impact import (
@@ -30,7 +30,7 @@ from hcbench.sim.read_impact import (
     rule_for,
 )
 from hcbench.sim.scripted import BatchWorld, PythonLaw, python_law_of, require_motion
-from hcbench.system.errors import EngineFailed, SettingError
+from hcbench.system.errors import EngineFailed, SettingError, UserError
 from hcbench.terms.setting import PAIR
 
 if TYPE_CHECKING:
@@ -189,7 +189,20 @@ class LendsSteps(ABC):
         """The same pair, read as here and stepped by another engine."""
 
 
-class SharedModelEngine(OpensModels, SteppedEngine):
+class _SharedVaried(VariedContact):
+    """A model of another engine whose pair can be changed, stepped by this one."""
+
+    def __init__(self, engine: SharedModelEngine, varied: VariedContact) -> None:
+        self.parameters = varied.parameters
+        self._engine = engine
+        self._varied = varied
+
+    def open(self, request: Request, values: Mapping[str, float]) -> ModelUnderTest:
+        """The model of the other engine with the values, stepped by this one."""
+        return self._engine.stepping(self._varied.open(request, values))
+
+
+class SharedModelEngine(VariesContacts, SteppedEngine):
     """An engine that steps what another one loads.
 
     model_engine: the one that compiles the model.
@@ -275,11 +288,30 @@ class SharedModelEngine(OpensModels, SteppedEngine):
         Raises EngineFailed where that engine's model cannot be stepped by another, and as
         `OpensModels.open` does.
         """
-        opened = self._opener().open(source, request, rebuild)
+        return self.stepping(self._opener().open(source, request, rebuild))
+
+    def stepping(self, opened: ModelUnderTest) -> ModelUnderTest:
+        """A model that `model_engine` opened, stepped by this engine.
+
+        Raises EngineFailed where it cannot be stepped by another, SceneError for what this one does
+        not have.
+        """
         if not isinstance(opened, LendsSteps):
             got = f"cannot step a {type(opened).__name__}"
             raise EngineFailed(self.name, got, "a model of its `model_engine`")
         return opened.stepped_by(self)
+
+    def varied(
+        self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
+    ) -> VariedContact:
+        """The model of `model_engine` whose pair can be changed, stepped by this engine.
+
+        Raises UserError where that engine varies no contacts, and as `open`.
+        """
+        lender = self._opener()
+        if not isinstance(lender, VariesContacts):
+            raise UserError("engine", repr(self.name), "an engine that varies contacts")
+        return _SharedVaried(self, lender.varied(source, request, rebuild))
 
     def pairs(
         self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None

@@ -168,6 +168,13 @@ def _is_same(path: Path, other: Path) -> bool:
     return False
 
 
+def input_files(*arguments: object) -> Iterator[Path]:
+    """Yield the files that arguments of a command name, and those that these name in turn, each
+    once, in no order that counts; arguments that name no file are passed over.
+    """
+    return _all_inputs(_existing(arguments))
+
+
 def _all_inputs(inputs: Iterable[Path]) -> Iterator[Path]:
     """Inputs and the files that they name in quotes, and those name in turn, each once.
 

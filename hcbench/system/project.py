@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.metadata import metadata
 from pathlib import Path
 
 PURPOSE = (
@@ -23,6 +22,9 @@ def address(name: str) -> str:
 
     name: Source or Documentation.
     """
+    # Half of the time of `hcbench --help` would be this import.
+    from importlib.metadata import metadata
+
     for line in metadata("hcbench").get_all("Project-URL", []):
         title, url = line.split(", ", 1)
         if title == name and _UNSET not in url:

@@ -13,11 +13,10 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from hcbench.system.errors import QuantityError, UserError
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -133,6 +132,9 @@ def within(slot: str, values: Floats | float, low: float, high: float, meaning: 
 
     slot: what they are called. meaning: what is expected, in words. NaN is outside.
     """
+    # The command line takes bounds from here for its help, which needs no arrays.
+    import numpy as np
+
     array = np.asarray(values, dtype=float)
     bad = array[~((array >= low) & (array <= high))]
     if bad.size:

@@ -128,6 +128,14 @@ _USUAL = {
     "N/m^1.5": {"N/m^1.5": 1.0, "lbf/in^1.5": 1098.843494108755},
     "N*s/m": {"N*s/m": 1.0},
 }
+# None of these converts to another, so Pint need not be asked. Angles and stiffnesses are not
+# among them: their units say more than their dimension.
+_APART = ("m/s", "s/m", "s", "m", "kg", "m/s^2", "N", "Pa", "N*s/m")
+
+
+def _is_of_another(unit: str, si: str) -> bool:
+    """True for a usual unit that surely does not convert to `si`; False where only Pint knows."""
+    return si in _APART and any(unit in _USUAL[other] for other in _APART if other != si)
 
 
 @cache
@@ -141,9 +149,11 @@ def _registry() -> Any:
 def _factor(unit: str, si: str) -> float:
     """Return the size of one `unit` in the unit `si`.
 
-    Raises Pint's own error for text that is not such a unit, ValueError where an angle is in one of
-    the two alone.
+    Raises Pint's own error for text that is not such a unit, TypeError for a usual unit of
+    another kind, ValueError where an angle is in one of the two alone.
     """
+    if _is_of_another(unit, si):
+        raise TypeError(unit)
     registry = _registry()
     quantity = registry.Quantity(1.0, registry.parse_units(unit))
     if ("radian" in str(quantity.to_root_units().units)) != ("rad" in si):

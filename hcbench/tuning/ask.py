@@ -322,7 +322,7 @@ def tune_model(
     tuned = tune_job(model, requests, wanted, engine, max_error, seconds, output)
     if tuned.gains and tuned.name == AS_IT_IS:
         if outputs and not NAMES_OPTIONS.get():
-            warnings.warn("Nothing is written: the model as it is has this rebound.", stacklevel=3)
+            warnings.warn("Nothing is written: the model as it is has this already.", stacklevel=3)
         return tuned
     if not tuned.gains:
         # The command ends with an error instead.

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from hcbench.sim.capabilities import TunesModels
     from hcbench.sim.model_under_test import Output, Request
 
-# Whole tests of settings that have the rebound, and of those with the largest ones, at most.
+# Whole tests of settings that have the rebound, and of those that come nearest, at most.
 _JUDGED = 6
-_HIGHEST = 4
+_NEAREST = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +56,8 @@ def tune_landing(
     """Find a setting of the feet with a rebound, m, with which nothing else is worse.
 
     before: the landing of the model as it is, which is the answer where it has the rebound. Else
-    the answer is the first setting that has it; or that which makes least worse, with the largest
-    rebound that is possible.
+    the answer is the first setting that has it; or that which makes least worse, with the rebound
+    nearest to it that is possible.
     """
     if before.meets(rebound):
         return _tuned(None, LandingChange(before, before, rebound), output)
@@ -76,19 +76,20 @@ def tune_landing(
         return every
 
     tried = judged(found.meeting, _JUDGED, lambda one: one.meets(rebound))
-    highest: list[_Judged] = []
+    nearest: list[_Judged] = []
     if not any(one.meets(rebound) for one in tried):
-        highest = judged(found.highest, _HIGHEST, lambda one: not one.worse)
-    best = next((one for one in [*tried, *highest] if one.meets(rebound)), None)
+        nearest = judged(found.nearest, _NEAREST, lambda one: not one.worse)
+    best = next((one for one in [*tried, *nearest] if one.meets(rebound)), None)
     if best is not None:
         change = LandingChange(before, best.test, rebound, advice=found.advice)
         return _tuned(best.setting, change, output)
-    largest = max((one.test.rebound for one in highest if not one.worse), default=before.rebound)
-    reach = Reach(largest, found.stiffer())
+    possible = [one.test.rebound for one in [*tried, *nearest] if not one.worse]
+    reached = min([before.rebound, *possible], key=lambda height: abs(height - rebound))
+    reach = Reach(reached, found.stiffer())
     # What comes nearest is printed with all that it makes worse.
     nearer = [
         one
-        for one in [*tried, *highest]
+        for one in [*tried, *nearest]
         if abs(one.test.rebound - rebound) < abs(before.rebound - rebound)
     ]
     every = sorted(

@@ -244,21 +244,12 @@ def _tuned(job: Job) -> TunedModel:
         if error <= job.max_error and not worse:
             break
     untuned = _measured(as_it_was, each, wanted, held_out=False)
-    # What throws up a body that slides gives it energy: the nearest of the others is better.
-    order = sorted(
-        tries, key=lambda tried: (tried.throws_up, max(tried.error, job.max_error), tried.worse)
-    )
     as_it_is = ModelSetting(AS_IT_IS, (), as_it_was, lambda *_: Texts(""))
-    # A few launches are enough to see that a model is far from its target.
-    if (
-        largest_error(untuned) < order[0].error
-        and _tried(as_it_is, alike, wanted, order[0].error) < order[0].error
-    ):
-        order.insert(0, _Try(as_it_is, before, largest_error(untuned), 0, throws_up=False))
-    elif math.isfinite(largest_error(untuned)):
-        order.append(_Try(as_it_is, before, largest_error(untuned), 0, throws_up=False))
+    stays = _Try(as_it_is, before, largest_error(untuned), 0, throws_up=False)
+    order = _in_order(tries, stays, alike, wanted, job.max_error)
     limit = max(job.max_error, GAINS * largest_error(untuned))
-    best = _best(engine, requests, each, wanted, landed, limit, order)
+    enough = min(job.max_error, MAX_ERROR)
+    best = _best(engine, requests, each, wanted, landed, limit, order, enough)
     setting = best.setting
     pairs = best.pairs or ()
     # A dict keeps each note once, in order.
@@ -275,9 +266,32 @@ def _tuned(job: Job) -> TunedModel:
         untuned,
         before,
         best.standing,
-        min(job.max_error, MAX_ERROR),
+        enough,
         landing=best.landing,
     )
+
+
+def _in_order(
+    tries: Sequence[_Try],
+    stays: _Try,
+    requests: Sequence[Request],
+    wanted: RestitutionCurve,
+    max_error: float,
+) -> list[_Try]:
+    """The tries, the best first; with the model as it is (`stays`) before all, unless the best is
+    nearer to the target and makes nothing worse, or is near enough where the model is not.
+    """
+    # What throws up a body that slides gives it energy: the nearest of the others is better.
+    order = sorted(
+        tries, key=lambda tried: (tried.throws_up, max(tried.error, max_error), tried.worse)
+    )
+    nearest = order[0].error
+    if order[0].worse or order[0].throws_up:
+        nearest = max(nearest, min(max_error, MAX_ERROR))
+    # A few launches are enough to see that a model is far from its target.
+    if stays.error <= nearest and _tried(stays.setting, requests, wanted, nearest) <= nearest:
+        return [stays, *order]
+    return [*order, stays] if math.isfinite(stays.error) else order
 
 
 def _best(
@@ -288,12 +302,13 @@ def _best(
     landed: DropTest | None,
     limit: float,
     order: Sequence[_Try],
+    enough: float = 0.0,
 ) -> _Try:
     """The first try, in order, with which a robot lands no worse, if its error is within a limit;
     else the first that bounces at all.
 
-    each: requests of the pairs in each attitude. landed: the robot as it is. Raises EngineFailed
-    where no launch has an e.
+    each: requests of the pairs in each attitude. landed: the robot as it is. enough: limit for the
+    model as it is. Raises EngineFailed where no launch has an e.
     """
     # In order: what lands worse, then the first that lands no worse but is not near enough.
     others: list[_Try] = []
@@ -308,11 +323,16 @@ def _best(
             if tried.landing is not None and tried.landing.worse:
                 others.append(tried)
                 continue
+        is_own = tried.setting.name == AS_IT_IS
+        if is_own and tried.error > enough:
+            # More launches, which cost as much as a search, find no smaller error.
+            others.append(tried)
+            break
         judged = _bouncing(tried, each, wanted)
         if judged is None:
             continue
         assert judged.pairs is not None
-        if judged.setting.name != AS_IT_IS and largest_error(judged.pairs) <= limit:
+        if largest_error(judged.pairs) <= (enough if is_own else limit):
             return judged
         others.append(judged)
         break

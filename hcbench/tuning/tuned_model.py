@@ -86,6 +86,17 @@ class LandingChange:
         return list(self.after.worse_than(self.before, self.rebound or 0.0))
 
     @property
+    def extreme(self) -> str:
+        """The word for the rebound that `reach` has: "nearest" where it is beyond the target, as seen
+        from the model as it is.
+        """
+        assert self.reach is not None
+        target = self.rebound or 0.0
+        if (self.reach.rebound > target) != (self.before.rebound > target):
+            return "nearest"
+        return "largest" if self.before.rebound < target else "smallest"
+
+    @property
     def is_met(self) -> bool:
         """True if the rebound is that of the target, and nothing is worse."""
         return not self.worse and self.after.meets(self.rebound or 0.0)
@@ -95,10 +106,7 @@ class LandingChange:
         """Reasons why the target is not met, as a phrase."""
         if self.reach is None:
             return f"the robot lands worse with it: {'; '.join(self.worse)}"
-        largest = f"{1e3 * self.reach.rebound:.3g} mm"
-        if self.reach.rebound > (self.rebound or 0.0):
-            return f"no contact that was tried has it without a worse landing, though one has {largest}"
-        return f"the largest rebound without a worse landing is {largest}"
+        return f"the {self.extreme} rebound without a worse landing is {1e3 * self.reach.rebound:.3g} mm"
 
 
 @dataclass(frozen=True, repr=False)
@@ -196,14 +204,14 @@ class TunedModel(Shown):
     @property
     def gains(self) -> bool:
         """True if e is near enough to the target, or nearer than in the model as it was; of a robot
-        also only if it lands no worse.
+        also only if it lands no worse. So it is of a model that needs no setting.
         """
         if self.landing is not None and self.landing.rebound is not None:
             return self.landing.is_met
         if self.landing is not None and self.landing.worse:
             return False
         if self.name == AS_IT_IS:
-            return False
+            return self.max_error <= self.enough
         return self.max_error <= max(self.enough, GAINS * largest_error(self.untuned))
 
     @property
@@ -215,7 +223,7 @@ class TunedModel(Shown):
             return self.landing.misses
         if self.name == AS_IT_IS:
             within = f"e within {as_bound(self.max_error)}"
-            return f"the model as it is has {within}, nearer than with any setting that was found"
+            return f"the model as it is has {within}, and no setting that was found is nearer"
         before = largest_error(self.untuned)
         found = f"{self.max_error:.2g} with the best setting that was found"
         return f"e is wrong by {before:.2g} in the model as it is, by {found}"

@@ -7,11 +7,12 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from dask_processes import WORKER, kill, running, scheduler
 from in_place import in_place
 from small_sweeps import TESTS, small, until, whole
 from sweep_engine import note
@@ -23,38 +24,10 @@ from hcbench.benchmark.study import load_study, study_from
 from hcbench.system.errors import CannotRun
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from hcbench.benchmark.run import Progress
 
 pytestmark = pytest.mark.usefixtures("small_parts")
 
-# Prints the scheduler's address; each process lasts until it is killed.
-SCHEDULER = """
-import asyncio, sys
-sys.path[:0] = {path!r}
-from distributed import Scheduler, Worker
-
-async def run():
-    async with Scheduler(host="127.0.0.1", port={port}, dashboard=False) as scheduler:
-        async with Worker(scheduler.address, nthreads=1):
-            print(scheduler.address, flush=True)
-            await scheduler.finished()
-
-asyncio.run(run())
-"""
-WORKER = """
-import asyncio, sys
-sys.path[:0] = {path!r}
-from distributed import Worker
-
-async def run():
-    async with Worker({address!r}, nthreads=1) as worker:
-        print("up", flush=True)
-        await worker.finished()
-
-asyncio.run(run())
-"""
 COMMAND = """
 import sys
 from hcbench.__main__ import main
@@ -73,31 +46,6 @@ engine = "mujoco"
 recipe = "spring-damper"
 timesteps = 1e-6
 """
-
-
-@contextmanager
-def running(script: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A process and the first line that it prints, until the block ends."""
-    quiet = subprocess.DEVNULL
-    with subprocess.Popen(
-        [sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=quiet, text=True
-    ) as process:
-        try:
-            assert process.stdout is not None
-            yield process, process.stdout.readline().strip()
-        finally:
-            process.kill()
-
-
-def scheduler(*path: str, port: int = 0) -> str:
-    """A script that is a scheduler with one worker."""
-    pytest.importorskip("distributed")
-    return SCHEDULER.format(path=list(path), port=port)
-
-
-def kill(process: subprocess.Popen[str]) -> None:
-    process.kill()
-    process.wait()
 
 
 def test_a_cluster_that_loses_a_worker_leaves_the_same_bytes(tmp_path: Path, package: Path) -> None:

@@ -13,8 +13,7 @@ from typing import Any
 import pytest
 
 from hcbench.cases.hcbench_cases import judge, run, run_apart
-from hcbench.cases.run import adapters
-from hcbench.cases.score import known_failures, measured, the_cases
+from hcbench.cases.score import adapters, known_failures, measured, the_cases
 
 SUPPORT = Path(__file__).parents[1] / "support"
 # Of the engines in the development environment; each maker changes one thing of an adapter.

@@ -11,8 +11,15 @@ import cases_page
 import pytest
 
 from hcbench.cases import schema
-from hcbench.cases.run import run_engines
-from hcbench.cases.score import known_failures, matrix, measured, regressions, score, the_cases
+from hcbench.cases.score import (
+    known_failures,
+    matrix,
+    measured,
+    regressions,
+    run_engines,
+    score,
+    the_cases,
+)
 from hcbench.system.errors import UserError
 
 MEASURED = measured()

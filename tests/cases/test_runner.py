@@ -19,8 +19,15 @@ import pytest
 
 from hcbench import cli
 from hcbench.cases.hcbench_cases import junit, outcome, run
-from hcbench.cases.run import RUNNER, adapters, run_engines
-from hcbench.cases.score import known_failures, regressions, score, the_cases
+from hcbench.cases.score import (
+    RUNNER,
+    adapters,
+    known_failures,
+    regressions,
+    run_engines,
+    score,
+    the_cases,
+)
 from hcbench.system.errors import EngineFailed
 
 # Bytes, not lines: a limit on lines fills each of them.

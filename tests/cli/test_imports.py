@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 SLOW = {
+    "numpy",
     "pint",
     "pydantic",
     "scipy.optimize",
@@ -34,14 +36,24 @@ print(json.dumps([code, list(sys.modules)]))
 @pytest.mark.parametrize(
     ("words", "uses"),
     [
-        (["law", "--alpha", "0.008 s/in", "--speeds", "8 in/s"], set()),
-        (["convert", "--alpha", "0.008 s/in"], {"pydantic"}),
-        (["engines"], {"pydantic"}),
-        (["measure", MODEL, "--pair", "ball,plate", "--alpha", "0.3 s/m"], {"pydantic", "mujoco"}),
+        (["--help"], set()),
+        (["tune", "--help"], set()),
+        (["law", "--alpha", "0.008 s/in", "--speeds", "8 in/s"], {"numpy"}),
+        (["convert", "--alpha", "0.008 s/in"], {"numpy", "pydantic"}),
+        (["engines"], {"numpy", "pydantic"}),
+        # Its header has units, which are compared with those of other kinds.
+        (["fit", "{table}"], {"numpy", "pydantic", "scipy.special"}),
+        (
+            ["measure", MODEL, "--pair", "ball,plate", "--alpha", "0.3 s/m"],
+            {"numpy", "pydantic", "mujoco"},
+        ),
     ],
     ids=lambda value: value[0] if isinstance(value, list) else "",
 )
-def test_a_command_imports_what_it_uses(words: list[str], uses: set[str]) -> None:
+def test_a_command_imports_what_it_uses(words: list[str], uses: set[str], tmp_path: Path) -> None:
+    table = tmp_path / "speeds.csv"
+    table.write_text("v_in (m/s),v_out (m/s)\n0.2,0.19\n0.4,0.36\n0.8,0.64\n1.2,0.9\n")
+    words = [word.format(table=table) for word in words]
     ran = subprocess.run(
         [sys.executable, "-c", RUN, *words], capture_output=True, text=True, check=True
     )

@@ -14,8 +14,8 @@ import click
 import pytest
 
 from hcbench.cli import app, run
+from hcbench.cli.console import WIDTH, folded
 from hcbench.cli.help import examples
-from hcbench.cli.terminal import WIDTH, folded
 
 pytestmark = pytest.mark.usefixtures("tuned_once")
 

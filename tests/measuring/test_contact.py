@@ -12,6 +12,7 @@ import pytest
 
 from hcbench.measuring import measure
 from hcbench.measuring.contact import ContactMeaning, as_lines, spring_and_damper
+from hcbench.measuring.text import as_text
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -195,6 +196,20 @@ def test_neighbours_of_the_same_e_share_a_line() -> None:
     lines = as_lines(meaning(text(BALL, 'condim="1" solref=".02 1"')))
     assert [line for line in lines if "... 0.016 s" in line and line.endswith("  0.000")]
     assert [line for line in lines if line.startswith("contact time") and "stays" in line]
+
+
+def test_what_servos_do_while_a_foot_touches_is_said_to_its_end() -> None:
+    """The note ended in "gravit...", and a row had no number."""
+    robot = Path(__file__).parents[2] / "examples" / "quadruped.xml"
+    found = measure(
+        robot, "left_front_foot,floor", speeds="0.1, 1", contact=True, diagnose=False, rest=False
+    )
+    said = " ".join(as_text(found).split())
+    assert "While the two touch, the approach changes, in impact speeds: +" in said
+    assert "by the contact of the pair" in said
+    assert "by gravity and motion of the links." in said
+    assert "stiffness, N/m" in said
+    assert "damping ratio" not in said
 
 
 def test_a_spring_and_a_damper_are_found_beside_a_constant_force() -> None:

@@ -10,10 +10,11 @@ import pytest
 
 import hcbench
 from hcbench.checking import CheckSpec, check
+from hcbench.checking.outcome import Verdict, judge_landings, read_limits
 from hcbench.contact.mujoco import ConstantRestitution, add_to_spec
 from hcbench.measuring.landing import as_record, as_text
 from hcbench.reporting.measurement_page import landing_page
-from hcbench.sim.landing import Landings
+from hcbench.sim.landing import PHASES, Landings
 from hcbench.system.errors import UserError
 
 G = 9.81
@@ -251,3 +252,24 @@ def test_a_step_that_does_not_resolve_a_landing_is_named(step: str, note: str, f
     assert all("Use a step of" in each for each in landings.notes)
     report = hcbench.check(model, require="e < 5", heights="5 cm", timestep=step)
     assert report.exit_code == int(fails)
+
+
+def test_a_limit_holds_wherever_in_a_step_the_first_foot_touches(standing: Landings) -> None:
+    """One place was tried: a millimetre of height made the same limit pass or fail."""
+    drop = standing.drops[0]
+    speed = math.sqrt(2.0 * G * drop.height)
+    later = [drop.height + phase * standing.timestep * speed for phase in PHASES[1:]]
+    seen = hcbench.land(SERVOS, heights=later).drops
+    # A little higher is later in a step, and nothing else.
+    for other, same in zip(drop.others, seen, strict=True):
+        assert other.penetration == pytest.approx(same.penetration, rel=1e-6)
+        assert other.peak == pytest.approx(same.peak, rel=1e-6)
+    least, largest = drop.over_phases("penetration")
+    assert (least, largest) == (
+        min(drop.penetration, *(one.penetration for one in seen)),
+        max(drop.penetration, *(one.penetration for one in seen)),
+    )
+    assert largest > 1.02 * drop.penetration
+    limits = read_limits(f"penetration < {0.5e3 * (drop.penetration + largest)} mm", True)
+    assert judge_landings(standing, limits)[0] is Verdict.FAILED
+    assert f"{1e3 * least:.1f} ... {1e3 * largest:.1f}" in as_text([standing])

@@ -282,11 +282,11 @@ def test_the_page_says_how_far_each_engine_is_from_the_reference(folder: Path) -
 
 
 def test_the_loop_of_q_2_encloses_the_loss_that_its_restitution_says() -> None:
-    from hcbench.laws import quadratic
+    from hcbench.paper import approximations
 
-    law = quadratic.QuadraticDamping(constants.STIFFNESS, 1.0, constants.MASS)
+    law = approximations.QuadraticDamping(constants.STIFFNESS, 1.0, constants.MASS)
     x, force = impact_figures._quadratic_loop(law, 0.5)
-    e = float(quadratic.restitution(1.0, 0.5))
+    e = float(approximations.quadratic_restitution(1.0, 0.5))
     assert np.trapezoid(force, x) == pytest.approx(
         0.5 * constants.MASS * 0.25 * (1.0 - e**2), rel=1e-3
     )

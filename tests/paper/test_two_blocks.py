@@ -17,8 +17,14 @@ from hcbench.engines.mujoco.recipes.staggered import staggered, staggered_rows
 from hcbench.engines.mujoco.two_blocks import mjcf
 from hcbench.laws import closed_form
 from hcbench.paper import constants
-from hcbench.paper.engines import simulate_in_engine
-from hcbench.paper.vibroimpact_figures import FULL, LAW, LOOSE, STAND_IN_SPEED, START
+from hcbench.paper.vibroimpact_figures import (
+    FULL,
+    LAW,
+    LOOSE,
+    STAND_IN_SPEED,
+    START,
+    simulate_in_engine,
+)
 from hcbench.recipes.target import Target
 from hcbench.sim import two_blocks
 from hcbench.sim.two_blocks import TwoBlocks

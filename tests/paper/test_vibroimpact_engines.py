@@ -12,9 +12,9 @@ from scipy.interpolate import CubicHermiteSpline
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
 from hcbench.paper import constants
-from hcbench.paper.engines import EngineTrajectory, simulate_in_engine
 from hcbench.paper.vibroimpact.simulate import simulate
 from hcbench.paper.vibroimpact.system import Sinusoid, VibroImpact
+from hcbench.paper.vibroimpact_figures import EngineTrajectory, simulate_in_engine
 from hcbench.system.errors import UserError
 
 LAW = constants.law(constants.ALPHAS[-1])

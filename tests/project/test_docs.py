@@ -131,3 +131,17 @@ def test_the_table_of_the_law_is_the_law() -> None:
         [float(closed_form.restitution(v, 1.0)) for v in speeds], abs=6e-4
     )
     assert rows["1 - α v"] == pytest.approx([1 - v for v in speeds], abs=1e-9)
+
+
+def test_the_times_of_the_readme_are_those_of_the_benchmarks() -> None:
+    text = (ROOT / "benchmarks" / "README.md").read_text(encoding="utf-8")
+    takes = dict(re.findall(r"^\| ([^|]+) \| hcbench \| ([\d.]+ \w+) ", text, re.MULTILINE))
+    rows = (
+        "a million drops, MuJoCo at 1 ms, processor time",
+        "hcbench measure of README's quadruped, processor time",
+        "hcbench tune --plugin, processor time",
+    )
+    readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    drops, foot, plugin = (takes[row] for row in rows)
+    assert f"A million drops take {drops} of a processor" in readme
+    assert f"e of a robot's foot {foot}, the plug-in's text {plugin} (" in readme

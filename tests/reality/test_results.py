@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hcbench.reality import evidence
-from hcbench.reality.identify import smooth_least
+from hcbench.reality.data_sets import smooth_least
 from hcbench.reality.motion import SettingErrors
 from hcbench.reality.page import build, page_text, verdicts
 from hcbench.reality.study import NO_ENGINE, RealityRequest, RealityResults, SettingScore, csv_text

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from hcbench.reality import cube, ellipse
-from hcbench.reality.data_sets import Cell, outcome_of
-from hcbench.reality.identify import committed, search, smooth_least, values_of
+from hcbench.reality.data_sets import Cell, committed, outcome_of, search, smooth_least, values_of
 from hcbench.reality.motion import SettingErrors
 from hcbench.sim.toss import GRAVITY, POSITION, SPIN, VELOCITY, Body, Toss, engines
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, pasted, simulated
 
-from hcbench.engines.mujoco.recipes.constant_e import IMPULSE, SPRING_DAMPER
+from hcbench.engines.mujoco.recipes.one_row import IMPULSE, SPRING_DAMPER
 from hcbench.engines.pybullet.recipes import RESTITUTION
 from hcbench.engines.pybullet.recipes import SPRING_DAMPER as BULLET_SPRING_DAMPER
 from hcbench.laws.closed_form import duration

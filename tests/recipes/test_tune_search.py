@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,7 @@ import pytest
 
 from hcbench.cli import run
 from hcbench.engines.mujoco.engine import MujocoEngine
-from hcbench.engines.mujoco.recipes import soft, two_pair
+from hcbench.engines.mujoco.recipes import one_row, two_pair
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.recipe import Search, SearchInterrupted, report_progress
@@ -39,8 +40,8 @@ TARGET = Target(HuntCrossley(SCENE.stiffness, ALPHA), SCENE.mass, 1e-5, 0.0254, 
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """A search of few generations, that nothing is remembered of."""
     for name, value in {"_GENERATIONS": 3, "_POLISH_TWO": 20, "_POLISH_ALL": 20}.items():
-        monkeypatch.setattr(soft, name, value)
-    soft._search.cache_clear()
+        monkeypatch.setattr(one_row, name, value)
+    one_row._search.cache_clear()
     monkeypatch.setattr(two_pair, "_STEPS_MAX", 4)
 
 
@@ -54,7 +55,7 @@ def searched(recipe: str, progress: Any = None) -> Setting:
 def test_a_search_tells_how_far_it_is_and_is_not_changed_by_that(recipe: str) -> None:
     reported: list[tuple[int, int]] = []
     seen = searched(recipe, lambda done, total: reported.append((done, total)))
-    soft._search.cache_clear()
+    one_row._search.cache_clear()
     assert seen.key == searched(recipe).key
     done, totals = np.array(reported).T
     assert (np.diff(done) >= 0).all()
@@ -115,7 +116,8 @@ def test_the_command_prints_what_a_search_has_found_when_it_is_interrupted(
 
         yield tick
 
-    monkeypatch.setattr("hcbench.cli.tune_engine.progress", impatient)
+    # `hcbench.cli.tune` is the command, not its module.
+    monkeypatch.setattr(sys.modules["hcbench.cli.tune"], "progress", impatient)
     arguments = [
         "tune",
         "mujoco",
@@ -148,7 +150,7 @@ def test_an_interrupt_before_anything_was_found_is_just_one(
     def interrupt(*_: Any) -> Any:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(soft, "_restitution", interrupt)
+    monkeypatch.setattr(one_row, "_restitution", interrupt)
     with pytest.raises(KeyboardInterrupt) as caught:
         searched("soft")
     assert not isinstance(caught.value, SearchInterrupted)

@@ -23,8 +23,7 @@ from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.target import Target
 from hcbench.reporting import wording
 from hcbench.reporting.build import build
-from hcbench.reporting.field.cells import COLUMNS, GRADES, case_table, rows
-from hcbench.reporting.field.features import FEATURES, features
+from hcbench.reporting.field.cells import COLUMNS, FEATURES, GRADES, case_table, features, rows
 from hcbench.reporting.field.page import COST
 from hcbench.reporting.field.view import Case, FieldView, headline
 from hcbench.sim import registry

@@ -279,6 +279,8 @@ def _power_of_turning(model: Any, data: Any) -> float:
 
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 NAMED = ("rad in a step", "too fast for a step")  # that MuJoCo's own step may gain energy
+NAMED_DEPTHS = ("mm deeper than on MuJoCo's own contact", "mm inside body")
+DEEPER = 1e-3  # m, up to which none goes deeper than native contact that the plug-in does not name
 
 
 @dataclass
@@ -286,11 +288,15 @@ class Seen:
     """gain: of contact, over the first energy; depth: the largest, m; both NaN where the state was.
 
     named: whether the plug-in warned that MuJoCo's own step may gain energy.
+    names_depth: whether it warned that bodies are deeper than on native contact, or start so.
+    met: the state in which the two that went in deepest met, and the steps left.
     """
 
     gain: float
     depth: float
     named: bool
+    names_depth: bool
+    met: tuple[Any, int]
 
 
 def simulate(made: Made, seconds: float, native: bool = False) -> Seen:
@@ -302,45 +308,97 @@ def simulate(made: Made, seconds: float, native: bool = False) -> Seen:
     warned: list[str] = []
     mujoco.set_mju_user_warning(warned.append)
     try:
-        gain, depth = _follow(made, seconds, native)
+        gain, depth, met = _follow(made, seconds, native)
     finally:
         mujoco.set_mju_user_warning(None)
-    named = any(reason in words for words in warned for reason in NAMED)
-    return Seen(gain, depth, named)
+    named, names_depth = (
+        any(reason in words for words in warned for reason in reasons)
+        for reasons in (NAMED, NAMED_DEPTHS)
+    )
+    return Seen(gain, depth, named, names_depth, met)
 
 
-def _follow(made: Made, seconds: float, native: bool) -> tuple[float, float]:
-    """Gain and depth of a scene."""
-    model = made.native if native else made.model
+def deeper(made: Made, seen: Seen, native: Seen) -> float:
+    """Depth, m, beyond that with native contact, 0 for less; NaN where a state was.
+
+    What bounces comes faster than on native contact, which stops it, or from elsewhere. So native
+    contact also goes on from where the two that went in deepest met.
+    """
+    more = seen.depth - native.depth
+    if more > DEEPER:
+        start, steps = seen.met
+        data = _begin(made, made.native)
+        mujoco.mj_setState(made.native, data, start, _STATE)
+        return max(0.0, seen.depth - _deepest(made.native, data, steps))
+    return max(0.0, more)
+
+
+_STATE = mujoco.mjtState.mjSTATE_PHYSICS
+
+
+def _begin(made: Made, model: Any) -> Any:
+    """The data of a scene at its start."""
     data = mujoco.MjData(model)
-    data.qvel[:] = made.start
-    data.ctrl[:] = 0.3
+    data.qvel[:], data.ctrl[:] = made.start, 0.3
+    return data
+
+
+def _deepest(model: Any, data: Any, steps: int) -> float:
+    """Depth, m, of the deepest contact in these steps."""
+    depth = 0.0
+    for _ in range(steps):
+        mujoco.mj_step(model, data)
+        depth = max(depth, _depth(data))
+    return depth
+
+
+def _depth(data: Any) -> float:
+    return -float(data.contact.dist.min()) if data.ncon else 0.0
+
+
+def _follow(made: Made, seconds: float, native: bool) -> tuple[float, float, tuple[Any, int]]:
+    """Gain and depth of a scene, and from where its deepest contact came (Seen.met)."""
+    model, count = made.native if native else made.model, round(seconds / made.model.opt.timestep)
+    data = _begin(made, model)
     free = copy.copy(made.native)
     free.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    alone, now = mujoco.MjData(free), mujoco.MjData(free)
-    alone.ctrl[:] = now.ctrl[:] = data.ctrl
-    now.qvel[:] = data.qvel
+    alone, now = mujoco.MjData(free), _begin(made, free)
+    alone.ctrl[:] = data.ctrl
     first = max(energy(free, now), 1e-3)
-    won, low, most, depth = 0.0, 0.0, 0.0, 0.0
-    for _ in range(round(seconds / model.opt.timestep)):
+    depth = _depth_at_start(made)
+    won, low, most = 0.0, 0.0, 0.0
+    state = np.zeros(mujoco.mj_stateSize(model, _STATE))
+    mujoco.mj_getState(model, data, state, _STATE)
+    met, since = (state, count), dict[tuple[int, ...], tuple[Any, int]]()
+    for left in range(count, 0, -1):
         alone.qpos[:], alone.qvel[:] = data.qpos, data.qvel
+        state = np.zeros_like(state)
+        mujoco.mj_getState(model, data, state, _STATE)
         mujoco.mj_step(model, data)
         if (
             not np.isfinite(data.qpos).all()
             or data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number
         ):
-            return np.nan, np.nan
-        if data.ncon:
-            depth = max(depth, -float(data.contact.dist.min()))
+            return np.nan, np.nan, met
+        pairs = [(int(a), int(b)) for a, b in data.contact.geom]
+        since = {pair: since.get(pair, (state, left)) for pair in pairs}
+        if _depth(data) > depth:
+            depth, met = _depth(data), since[pairs[int(data.contact.dist.argmin())]]
         touches = bool(np.abs(data.qfrc_constraint).sum() + np.abs(data.qfrc_passive).sum())
         if native or not (data.ncon or touches):
             continue
         won += _gain(free, alone, now, data, first)
-        low = (
-            low if made.has_force else min(low, won)
-        )  # a force gives back what it took in the steps before
+        # A force gives back what it took in the steps before.
+        low = low if made.has_force else min(low, won)
         most = max(most, won - low)
-    return most / first, depth
+    return most / first, depth, met
+
+
+def _depth_at_start(made: Made) -> float:
+    """Depth, m, in which a scene finds its bodies: RK4 leaves the contacts of a step's end alone."""
+    data = _begin(made, made.native)
+    mujoco.mj_forward(made.native, data)
+    return max(0.0, _depth(data))
 
 
 def _gain(free: Any, alone: Any, now: Any, data: Any, first: float) -> float:

@@ -139,11 +139,26 @@ def write_page(answers: list[Answer]) -> None:
     lines = [f"| {' | '.join(cells)} |" for cells in (HEAD, ["---"] * len(HEAD), *rows)]
     head, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
     table = "".join(f"{line}\n" for line in lines)
-    PAGE.write_text(f"{head}{BEGIN}{table}{END}{rest.partition(END)[2]}", encoding="utf-8")
+    said = counted([dict(zip(HEAD, cells, strict=True)) for cells in rows])
+    text = f"{head}{BEGIN}{said}\n\n{table}{END}{rest.partition(END)[2]}"
+    PAGE.write_text(text, encoding="utf-8")
+
+
+def counted(rows: list[dict[str, str]]) -> str:
+    """A sentence of how many robots and answers of each kind the rows have."""
+    robots = len({row["robot"].removesuffix(" (falls)") for row in rows})
+    kinds = [row["answer"] for row in rows]
+    stays, refused = kinds.count("as it is"), kinds.count("refused")
+    tuned = len(rows) - stays - refused
+    return (
+        f"{robots} robots, {len(rows)} answers: {tuned} settings, {stays} models that have the "
+        f"target already, {refused} refusals."
+    )
 
 
 def on_the_page() -> list[dict[str, str]]:
     """The page's rows, by the heads of its columns."""
     table = PAGE.read_text(encoding="utf-8").partition(BEGIN)[2].partition(END)[0]
-    lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines()]
+    rows = [line for line in table.splitlines() if line.startswith("|")]
+    lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in rows]
     return [dict(zip(HEAD, cells, strict=True)) for cells in lines[2:]]

@@ -4,12 +4,14 @@ has are refused with their slot, their value and the bound.
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import re
 from pathlib import Path
 
 import numpy as np
+import pint
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -48,6 +50,21 @@ def test_units_that_are_read_without_pint_are_those_of_pint(
     si: str, unit: str, factor: float
 ) -> None:
     assert factor == pytest.approx(units._factor(unit, si), rel=1e-15)
+
+
+def test_units_that_are_refused_without_pint_are_those_that_pint_refuses(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    refused = []
+    for si, other in itertools.permutations(units._APART, 2):
+        for unit in units._USUAL[other]:
+            with pytest.raises(TypeError):
+                units._factor(unit, si)
+            refused.append((unit, si))
+    monkeypatch.setattr(units, "_APART", ())
+    for unit, si in refused:
+        with pytest.raises(pint.DimensionalityError):
+            units._factor.__wrapped__(unit, si)
 
 
 def test_a_stiffness_has_the_unit_of_its_exponent() -> None:

@@ -147,7 +147,7 @@ def test_what_gains_nothing_is_not_written(
     assert "Nothing is written" in captured.err
     assert "smaller step" in captured.err
     assert run(["tune", str(tmp_path / "stuck.xml"), *options, "--for", "older"]) == 2
-    with pytest.warns(UserWarning, match="Nothing is written: e is wrong by"):
+    with pytest.warns(UserWarning, match="Nothing is written: the model as it is has e within 0.5"):
         result = tune_model(
             tmp_path / "stuck.xml", "foot,floor", restitution=0.5, max_error=1, write_model=out
         )

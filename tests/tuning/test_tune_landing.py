@@ -19,7 +19,7 @@ from long_searches import long_search
 import hcbench as hb
 from hcbench.cli import run
 from hcbench.measuring import Wanted
-from hcbench.sim.landing import HEIGHTS, PHASES, QUANTITIES, DropTest
+from hcbench.sim.landing import HEIGHTS, PHASES, QUANTITIES, DropTest, Reach
 from hcbench.sim.model_under_test import ModelSetting
 from hcbench.sim.rest import UNKNOWN
 from hcbench.system.errors import EngineFailed, UserError
@@ -96,9 +96,12 @@ def test_a_rebound_out_of_reach_is_refused_with_the_largest_one_and_what_would_h
     assert run([*asked, "--json"]) == 1
     captured = capsys.readouterr()
     record = json.loads(captured.out)["landing"]
-    assert 0.02 < record["largest"]["rebound_m"] < 0.09
-    assert record["largest"]["stiffer"][0]["kp_factor"] == 2.0
-    assert f"is {1e3 * record['largest']['rebound_m']:.3g} mm" in captured.err
+    assert 0.02 < record["reach"]["rebound_m"] < 0.09
+    assert record["reach"]["stiffer"][0]["kp_factor"] == 2.0
+    assert (
+        f"the largest rebound without a worse landing is {1e3 * record['reach']['rebound_m']:.3g} mm"
+        in captured.err
+    )
     assert not out.exists()
 
 
@@ -113,6 +116,26 @@ def test_a_rebound_out_of_reach_is_refused_with_the_largest_one_and_what_would_h
 def test_what_is_no_rebound_is_refused(given: dict[str, Any], message: str) -> None:
     with pytest.raises(UserError, match=message):
         tuned(**given)
+
+
+@pytest.mark.parametrize(
+    ("was", "target", "reached", "word"),
+    [
+        (0.0, 0.09, 0.03, "largest"),
+        (0.012, 0.0, 0.004, "smallest"),
+        (0.002, 0.005, 0.019, "nearest"),
+        (0.012, 0.005, 0.002, "nearest"),
+    ],
+)
+def test_a_refusal_names_the_end_of_what_is_possible_on_the_side_of_the_target(
+    was: float, target: float, reached: float, word: str
+) -> None:
+    landing = tuned(rebound=0.02).landing
+    assert landing is not None
+    before = dataclasses.replace(landing.before, rebound=was)
+    change = LandingChange(before, before, target, Reach(reached))
+    said = f"the {word} rebound without a worse landing is {1e3 * reached:g} mm"
+    assert (change.extreme, change.misses) == (word, said)
 
 
 def test_a_body_without_actuators_has_no_rebound_of_its_own() -> None:

@@ -10,7 +10,17 @@ import pytest
 import robot_drops
 from outside_models import outside
 from robot_landings import QUADRUPED
-from tuned_robots import TARGETS, TUNED, Answer, answer, on_the_page, row, write_page
+from tuned_robots import (
+    PAGE,
+    TARGETS,
+    TUNED,
+    Answer,
+    answer,
+    counted,
+    on_the_page,
+    row,
+    write_page,
+)
 
 import hcbench as hb
 from hcbench.sim.landing import WITHIN
@@ -50,6 +60,11 @@ def test_the_page_has_each_robot_and_says_what_the_readmes_quadruped_does() -> N
     line = next(each for each in on_the_page() if each["target, mm"] == "20")
     # The CPU time, which is last, is another on every machine.
     assert row(found)[:-1] == list(line.values())[:-1]
+
+
+def test_the_page_says_how_many_robots_and_answers_it_has() -> None:
+    assert counted(on_the_page()) in PAGE.read_text(encoding="utf-8")
+    assert len(TUNED) * len(TARGETS) == len(on_the_page())
 
 
 def test_the_page_refuses_or_has_the_rebound() -> None:

@@ -15,12 +15,20 @@ import numpy as np
 class DartBodies:
     """With the best settings that are known."""
 
-    name, version, combine = "dart", version("dartpy"), "product"
+    name = "dart"
+    version = version("dartpy")
+    combine = "product"
     # DART's lengths in a metre. It bounces nothing while e v is below 0.1 of them a second, and
     # nothing faster than 100 of them a second.
     length = 20.0
 
     def make(self, world: dict[str, Any]) -> None:
+        """Build a world with its bodies at their start, and a slab for the floor.
+
+        world: in SI units: timestep, gravity, friction, restitution (or materials: e of the bodies
+        and of the floor), bodies, and floor, true or false. Lengths are multiplied by `length` for
+        DART.
+        """
         self.world = dart.simulation.World()
         self.world.setTimeStep(world["timestep"])
         self.world.setGravity(np.array(world["gravity"], float) * self.length)
@@ -42,6 +50,10 @@ class DartBodies:
             self.world.addSkeleton(ground)
 
     def _body(self, name: str, body: dict[str, Any]) -> tuple[Any, Any]:
+        """(body node, its skeleton), welded to the world or on a free joint at its start.
+
+        name: of the skeleton. body: of a case, SI: position, velocity, spin, mass, or fixed.
+        """
         skeleton = dart.dynamics.Skeleton(name)
         at = np.array(body["position"]) * self.length
         if body.get("fixed"):
@@ -67,6 +79,10 @@ class DartBodies:
 
     @staticmethod
     def _shape(node: Any, solid: Any, e: float, friction: float) -> Any:
+        """Give a body node a shape that collides; returns the shape node.
+
+        solid: DART's shape. e, friction: coefficients of its surface.
+        """
         shape = node.createShapeNode(solid)
         shape.createVisualAspect()
         shape.createCollisionAspect()

@@ -16,13 +16,15 @@ logging.getLogger("drake").setLevel(logging.ERROR)
 class DrakeBodies:
     """With the best settings that are known."""
 
-    name, version, combine = "drake", version("drake"), None
+    name = "drake"
+    version = version("drake")
+    combine = None
 
     def make(self, world: dict[str, Any]) -> None:
         """Build a discrete plant, its bodies at their start.
 
-        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError for a
-        restitution other than 0 and for meshes.
+        world: in SI units: timestep, gravity, friction, restitution, bodies, and floor, true or
+        false. Raises NotImplementedError for a restitution other than 0, and for meshes.
         """
         if world.get("restitution") != 0.0:
             raise NotImplementedError("has no restitution: its loss depends on the speed")
@@ -48,16 +50,21 @@ class DrakeBodies:
         self.simulator.Initialize()
 
     def materials(self, friction: Any) -> None:
-        """Set the properties of balls, of boxes and of the floor."""
+        """Set the properties of balls, of boxes and of the floor.
+
+        friction: Drake's CoulombFriction of all of them.
+        """
         # Drake's default dissipation, s/m, and a point stiffness, N/m.
-        dissipation, stiffness = 50.0, 1e7
+        dissipation = 50.0
+        stiffness = 1e7
         self.properties = drake.ProximityProperties()
         drake.AddContactMaterial(dissipation, stiffness, friction, self.properties)
         self.rigid = drake.ProximityProperties(self.properties)
         drake.AddRigidHydroelasticProperties(1.0, self.rigid)
         self.patch = drake.ProximityProperties(self.properties)
         # Length of the elements of a body's pressure field, m, and its modulus, Pa.
-        resolution, modulus = 0.1, 1e8
+        resolution = 0.1
+        modulus = 1e8
         drake.AddCompliantHydroelasticProperties(resolution, modulus, self.patch)
 
     def _body(self, plant: Any, name: str, body: dict[str, Any]) -> Any:

@@ -40,10 +40,11 @@ def simulate(
     timestep: float,
     tosses: Sequence[Toss],
 ) -> list[Floats]:
-    """States at the ends of steps (s) of each toss, (steps + 1, 13): position, quaternion w x y z,
-    velocity and spin in the world, SI.
+    """States before the first step and at the end of each, (steps + 1, 13), of each toss: position,
+    quaternion w x y z, velocity and spin in the world, SI.
 
-    values: of the setting's parameters, SI, in its order. Raises EngineFailed where Drake fails.
+    values: of the setting's parameters, SI, in its order. timestep: s. tosses: starts, each with
+    its number of steps. Raises EngineFailed where Drake fails.
     """
     given = setting.named(values)
     with foreign_errors("drake"):
@@ -65,7 +66,7 @@ def _add(
 ) -> None:
     """Add body and plate with their contact to a plant.
 
-    given: parameters by name, SI.
+    drake: the module pydrake.all. plant: changed. given: parameters by name, SI.
     """
     turning = drake.RotationalInertia(*body.inertia)
     inertia = drake.SpatialInertia.MakeFromCentralInertia(body.mass, [0, 0, 0], turning)
@@ -97,7 +98,9 @@ def _simulate(
 ) -> Floats:
     """States of one toss, (steps + 1, 13): position, quaternion w x y z, velocity and spin, SI.
 
-    Drake itself has the quaternion before the place, and the spin before the velocity.
+    simulator, plant, logger: Drake's, of one diagram; the logger keeps the plant's state at each
+    step. timestep: s. Drake itself has the quaternion before the place, and the spin before the
+    velocity.
     """
     context = simulator.get_mutable_context()
     context.SetTime(0.0)

@@ -64,7 +64,12 @@ class DrakeModel(ModelUnderTest):
     def __init__(
         self, drake: Any, version: str, source: Any, request: Request, changes: Mapping[str, Any]
     ) -> None:
-        """Load the files and bring the pair to touch; errors are those of the class."""
+        """Load the files and bring the pair to touch.
+
+        drake: the module pydrake.all. version: of Drake. source: one path or several. changes: what
+        fixes have set, {} for none. Raises UserError or SceneError where the pair cannot be
+        measured.
+        """
         _require_normal_launches(request)
         self._given = drake, version, source, request
         self._version = version
@@ -109,7 +114,12 @@ class DrakeModel(ModelUnderTest):
         return not all(map(self.loaded.is_hydroelastic, self.place.gap.geometries))
 
     def facts(self) -> Facts:
-        """Properties of the model and of its pair, as `measure` prints them."""
+        """Properties of the model and of its pair, SI, as `measure` prints them: the pair, its mass
+        and normal, Drake's settings, the e that these ask for, and notes.
+
+        The e is known where the contact is a point's, not a pressure field's. Other contacts are
+        those of the launches until now.
+        """
         config = self.loaded.config
         place = self.place
         stiffness, dissipation = self.pair_values()
@@ -190,7 +200,12 @@ class DrakeModel(ModelUnderTest):
     def _dissipation(
         self, impacts: Sequence[Impact], wanted: RestitutionCurve | None
     ) -> Iterator[Suspect]:
-        """Suspect a dissipation with an e other than the target, or that is Drake's default."""
+        """Suspect a dissipation with an e other than the target, or that is Drake's default; at
+        most one suspect.
+
+        impacts: of the launches, whose median speed counts. wanted: e over speed; None where the
+        user named none.
+        """
         speed = float(np.median(diagnose.speeds_of(impacts)))
         _, dissipation = self.pair_values()
         e = diagnose.constant_e(impacts, wanted)
@@ -325,9 +340,11 @@ class DrakeSimulation(Simulation):
         return total
 
     def _of_pair(self, shapes: tuple[Any, Any], force: Any, normal: Any) -> float:
-        """Force that parts the pair; 0 for another contact, which is noted.
+        """Force that parts the pair, N; 0 for another contact, whose other shape is noted in the
+        model under test.
 
-        force: on the first shape, N.
+        shapes: ids of the two that touch. force: on the first, N, (3,). normal: of the pair, unit
+        vector, (3,), from its first part to the second.
         """
         first = self._place.first.geometries
         second = self._place.second.geometries
@@ -401,7 +418,8 @@ def _in_order(loaded: LoadedPlant, both: frozenset[Any]) -> list[Part]:
 def _described(loaded: LoadedPlant, context: Any, first: Part, second: Part) -> CandidatePair:
     """A pair of single shapes as a row of the list, in the pose of `context`.
 
-    Mass, kg, and distance, m, are NaN where Drake does not know the distance.
+    context: Drake's, of the plant. first, second: parts of one geometry each. Mass, kg, and
+    distance, m, are NaN where Drake does not know the distance.
     """
     distance = math.nan
     mass = math.nan

@@ -111,7 +111,10 @@ class LoadedPlant:
             raise SceneError("model", f"{path.name}: {words}", "a model that Drake loads") from None
 
     def _set_dissipation(self, scene_graph: Any, dissipation: float | None) -> None:
-        """Set the dissipation, s/m, of every shape that collides; None leaves them."""
+        """Set the dissipation, s/m, of every shape that collides; None leaves them.
+
+        scene_graph: Drake's, before the plant is finalized.
+        """
         if dissipation is None:
             return
         inspector = scene_graph.model_inspector()
@@ -183,10 +186,10 @@ class LoadedPlant:
         return min(gaps, key=lambda gap: gap.distance)
 
     def _gap(self, query: Any, a: Any, b: Any) -> Gap:
-        """Nearest points of two shapes, by their ids.
+        """Nearest points of two shapes, and their distance.
 
-        query: Drake's QueryObject of the pose. Raises UserError where Drake does not know their
-        distance.
+        query: Drake's QueryObject of the pose. a, b: ids of the shapes; the normal leads from a to
+        b. Raises UserError where Drake does not know their distance.
         """
         half_space = self.drake.HalfSpace
         # Drake knows the distance of spheres only from half-spaces.
@@ -209,10 +212,10 @@ class LoadedPlant:
         return Gap(float(near.distance), np.asarray(normal), (end_a + end_b) / 2, (a, b))
 
     def _over_half_space(self, query: Any, shape: Any, ground: Any) -> tuple[float, Floats, Floats]:
-        """(signed distance m, the ground's normal, midpoint m) of a shape over a half-space, by
-        their ids.
+        """(signed distance m, the ground's normal, midpoint m) of a shape over a half-space.
 
-        Raises UserError for a shape whose farthest point is unknown, as `_farthest` does.
+        query: Drake's QueryObject of the pose. shape, ground: ids of the two. Raises UserError for
+        a shape whose farthest point is unknown, as `_farthest` does.
         """
         ground_pose = query.GetPoseInWorld(ground)
         pose = query.GetPoseInWorld(shape)
@@ -278,8 +281,11 @@ _LOOKS = ("visual", "light", "asset", "statistic")
 
 
 def ignored_in_words(lines: Sequence[str]) -> str:
-    """One sentence on everything of a model's contact and motion that
-    Drake leaves out; "" for nothing.
+    """One sentence on everything of a model's contact and motion that Drake leaves out; "" for
+    nothing.
+
+    lines: what Drake logged while it read the model; only its warnings count, and not those about
+    looks.
     """
     left_out: dict[str, None] = {}
     for line in lines:
@@ -357,7 +363,8 @@ def set_pose(loaded: LoadedPlant, context: Any, request: Request) -> None:
 def approach_row(loaded: LoadedPlant, context: Any, pair: tuple[Part, Part], gap: Gap) -> Floats:
     """(nv,) J: the approach rate of the two parts' material points at the contact is J @ v.
 
-    context: the plant's. gap: the nearest points, with the normal from the first to the second.
+    context: the plant's, with the pose. pair: the two parts, the first of which the normal leaves.
+    gap: the nearest points, with the normal from the first to the second.
     """
     plant = loaded.plant
     world = plant.world_frame()

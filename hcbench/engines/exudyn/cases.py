@@ -20,15 +20,24 @@ FLOOR_RADIUS = 100.0
 class ExudynBodies:
     """With the best settings that are known."""
 
-    name, version, combine = "exudyn", exudyn.__version__, None
+    name = "exudyn"
+    version = exudyn.__version__
+    combine = None
 
     def make(self, world: dict[str, Any]) -> None:
+        """Build a system of mass points at their start, with a contact of every two and of each
+        with the floor.
+
+        world: in SI units: timestep, gravity, restitution, bodies, and floor, true or false. Raises
+        NotImplementedError for materials, friction, and other shapes than spheres.
+        """
         self._require(world)
         self.h = world["timestep"]
         self.mbs = exudyn.SystemContainer().AddSystem()
         bodies = world["bodies"]
         self.spins = [body["spin"] for body in bodies]
-        self.nodes, balls = [], []
+        self.nodes = []
+        balls = []
         for body in bodies:
             start = {"initialVelocities": body["velocity"]}
             node = self.mbs.AddNode(items.NodePoint(referenceCoordinates=body["position"], **start))
@@ -56,6 +65,10 @@ class ExudynBodies:
             raise NotImplementedError("has a contact of balls without friction alone")
 
     def _contact(self, e: float, a: tuple[Any, ...], b: tuple[Any, ...]) -> None:
+        """Add a contact of two spheres to the system, with the restitution e.
+
+        a, b: (marker, radius m, 1/mass 1/kg, 0 of the floor) each.
+        """
         (on_a, radius_a, share_a), (on_b, radius_b, share_b) = a, b
         start = [0.1, 0, 0, 0]
         touch = self.mbs.AddNode(

@@ -38,6 +38,12 @@ class MjxWorlds:
         self.steps = jax.jit(_steps)
 
     def make(self, world: dict[str, Any]) -> None:
+        """Build a model as MuJoCo's adapter does, and keep it for a step of all worlds at once.
+
+        world: in SI units: timestep, gravity, friction, restitution, bodies, and floor, true or
+        false. Raises NotImplementedError for `materials`, restitutions of a material each, and in
+        the stock setting for an e above 0.
+        """
         super().make(world)  # type: ignore[misc]
         # MJX has no elliptic cone without friction.
         self.model.opt.cone *= bool(world["friction"])
@@ -69,7 +75,8 @@ class MjxWorlds:
         self.ahead += 1
 
     def state(self) -> list[Any]:
-        self.now, self.ahead = self.steps(self.models, self.now, self.ahead), 0
+        self.now = self.steps(self.models, self.now, self.ahead)
+        self.ahead = 0
         return [
             self._state(*each)
             for each in zip(self.worlds, self.now.qpos, self.now.qvel, strict=True)

@@ -173,7 +173,10 @@ def _laws(model: Any, pairs: Mapping[tuple[str, str], Value]) -> _Laws:
 
 
 def _geoms(model: Any, name: str) -> np.ndarray:
-    """Ids of the geom of this name, or of all geoms of the body. Raises UserError for neither."""
+    """Ids of the geom of this name, (1,), or of all geoms of the body, (n,).
+
+    model: MjModel. Raises UserError for a name that neither has, and for a body without geoms.
+    """
     geoms = [model.geom(i).name for i in range(model.ngeom)]
     if name in geoms:
         return np.array([geoms.index(name)])
@@ -188,7 +191,11 @@ def _geoms(model: Any, name: str) -> np.ndarray:
 
 
 def _forward(laws: _Laws, model: Any, data: Any, values: Any) -> Any:
-    """MJX's forward dynamics with the impacts at its start."""
+    """MJX's forward dynamics with the impacts at its start: the data with forces and accelerations
+    of the step.
+
+    model, data: MJX's. values: α or e of each law, (laws,).
+    """
     from mujoco import mjx
 
     before = data
@@ -211,9 +218,11 @@ def _forward(laws: _Laws, model: Any, data: Any, values: Any) -> Any:
 
 
 def _collide(laws: _Laws, model: Any, before: Any, data: Any, values: Any) -> Any:
-    """Let contacts collide: velocities after it, and contacts whose rows only let them rest.
+    """Let contacts collide: data with the velocities after it, and with contacts whose rows only
+    let them rest.
 
-    before: the data with the forces of the step before.
+    model: MJX's. before: the data with the forces of the step before. data: that with the positions
+    and contacts of this one. values: α or e of each law.
     """
     import jax.numpy as jnp
 
@@ -234,7 +243,10 @@ def _collide(laws: _Laws, model: Any, before: Any, data: Any, values: Any) -> An
 
 
 def _touch(laws: _Laws, model: Any, data: Any) -> _Touch:
-    """The contacts of a world that touch and have a law."""
+    """The contacts of a world that touch and have a law, with the rows and moves of all contacts.
+
+    model, data: MJX's, with the contacts of the state.
+    """
     import jax
     import jax.numpy as jnp
     from mujoco import mjx
@@ -258,11 +270,12 @@ def _touch(laws: _Laws, model: Any, data: Any) -> _Touch:
 
 
 def _loads(model: Any, touch: _Touch, before: Any, data: Any) -> Any:
-    """Accelerations that each contact bears, or would have without its own force, m/s², (n,): of the
-    weight of either body alone, and of all other forces of the step before.
+    """Accelerations that each contact bears, or would have without its own force, m/s², (n,): of
+    the weight of either body alone, and of all other forces of the step before.
 
-    A foot may be pressed through a joint's limit, a body by others that lie on it: of that, gravity
-    and motors alone tell nothing.
+    model: MJX's. touch: the contacts of this step. before, data: MJX's data of the step before, and
+    of this one. A foot may be pressed through a joint's limit, a body by others that lie on it: of
+    that, gravity and motors alone tell nothing.
     """
     import jax.numpy as jnp
 
@@ -279,8 +292,9 @@ def _loads(model: Any, touch: _Touch, before: Any, data: Any) -> Any:
 
 
 def _normal_forces(model: Any, data: Any) -> Any:
-    """Forces along the normals of all contacts in the last step, N, (n,). A contact has the same
-    place in every step.
+    """Forces along the normals of all contacts in the last step, N, (n,).
+
+    model, data: MJX's, after that step. A contact has the same place in every step.
     """
     import jax.numpy as jnp
     from mujoco import mjx
@@ -307,9 +321,11 @@ def _targets(
     calm: Any,
     timestep: Any,
 ) -> tuple[Any, Any]:
-    """(rates at which contacts part at least, the half step's push by which they are shifted), m/s.
+    """(rates at which contacts part at least, the half step's push by which they are shifted), m/s,
+    (n,) each.
 
-    approach: v, m/s. presses: b, m/s². calm: speed that counts as rest, m/s.
+    values: α or e of each law. approach: v, m/s. presses: b, m/s². calm: speed that counts as rest,
+    m/s. timestep: h, s.
     Steps that move by the new velocity keep U² = (v + b h/2)² - 2 b x in flight, U the speed at the
     touch plane x = 0, which e is of. A contact that touched before this step has the e of v.
     """
@@ -386,8 +402,9 @@ def _resting(contact: Any, touch: _Touch, parts: Any, load: Any, timestep: Any) 
     """Contacts for MJX's own rows: those of a law that part have none, and those that rest do not
     bounce by their spring.
 
-    load: of each contact, m/s². Its spring is that of the model, with the damping that makes it
-    critical at least. It gives depth back no faster than what counts as rest, but bears its load.
+    contact: MJX's. parts: which of them part, (n,). load: of each, m/s². timestep: s. The spring is
+    that of the model, with the damping that makes it critical at least. It gives depth back no
+    faster than what counts as rest, but bears its load.
     """
     import jax.numpy as jnp
 

@@ -302,8 +302,8 @@ def _coarser(options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _all_rough(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options whose rows all have a friction where one has: MJX has no condim 1 beside elliptic
-    cones.
+    """Options of a setting, by name, whose rows all have a friction where one has: MJX has no
+    condim 1 beside elliptic cones.
     """
     rows = options["rows"]
     if any(row.get("friction") for row in rows):

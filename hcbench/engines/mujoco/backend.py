@@ -20,7 +20,7 @@ _FEATURES = {
 
 
 def backend() -> Any:
-    """The mujoco module.
+    """The mujoco module, imported on the first call.
 
     Raises EngineMissing, and EngineFailed where it is there but does not load.
     """

@@ -11,13 +11,17 @@ import mujoco
 class MujocoBodies:
     """With the best settings that are known."""
 
-    name, version, combine = "mujoco", mujoco.__version__, None
+    name = "mujoco"
+    version = mujoco.__version__
+    combine = None
     # With friction each row of a contact must act by itself, as one of low impedance does: else
     # the friction, which is solved with the normal force, changes the restitution.
     impedance_beside_friction = 1e-4
 
     def contact(self, e: float, friction: float, h: float) -> str:
-        """Attributes of a pair. h: the step, s."""
+        """Attributes of a <pair>, as text, with a restitution e and a friction coefficient. h: the
+        step, s.
+        """
         if e == 0:
             # MuJoCo's default solref, which hardly bounces, and carries weights.
             return f'solref="0.02 1" solreffriction="0 {-1 / h}" solimp=".9999 .9999 .001"'
@@ -34,8 +38,9 @@ class MujocoBodies:
     def make(self, world: dict[str, Any]) -> None:
         """Compile a model, its bodies at their start, with a <pair> of every two that can meet.
 
-        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError for
-        restitutions of materials, and what `contact` raises.
+        world: in SI units: timestep, gravity, friction, restitution, bodies, and floor, true or
+        false. Raises NotImplementedError for `materials`, restitutions of a material each, and in
+        the stock setting for an e above 0.
         """
         if "materials" in world:
             raise NotImplementedError("has no restitution of a material")

@@ -37,6 +37,7 @@ from hcbench.sim.capabilities import (
     LandsRobots,
     RandomizesContacts,
     TunesModels,
+    VariesContacts,
 )
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.read_impact import SpeedReading
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
 
     from hcbench.engines.mujoco.model.under_test import MujocoModel
     from hcbench.laws.restitution import RestitutionCurve
-    from hcbench.sim.capabilities import ContactFamily
+    from hcbench.sim.capabilities import ContactFamily, VariedContact
     from hcbench.sim.landing import DropPlan, DropTest, Landings, ReboundSettings
     from hcbench.sim.loads import LandingPeak
     from hcbench.sim.model_under_test import CandidatePair, ModelSetting, Request
@@ -99,8 +100,11 @@ def _one_step(e: float, timestep: float | None, missing: list[str]) -> list[Syst
 def _spring_damper(
     e: float, contact_time: float | None, timestep: float | None, missing: list[str]
 ) -> list[SystemValue]:
-    """solref of a spring and damper with this e and contact time (s), in both of its forms.
+    """solref of a spring and damper with this e, in both of its forms; [] where the contact time is
+    missing.
 
+    contact_time: s, that it lasts. timestep: s, where it is known: a time constant below two of
+    them gets a note.
     missing: gets a sentence for what cannot be written.
     """
     if contact_time is None:
@@ -124,7 +128,13 @@ _DOCS = "MuJoCo documentation, Computation: Soft contact model"
 
 
 class MujocoEngine(
-    DescribesContact, HasPlugin, RandomizesContacts, TunesModels, LandsRobots, SteppedEngine
+    DescribesContact,
+    HasPlugin,
+    RandomizesContacts,
+    VariesContacts,
+    TunesModels,
+    LandsRobots,
+    SteppedEngine,
 ):
     """MuJoCo behind its Python bindings, 3.3 and later."""
 
@@ -248,7 +258,8 @@ class MujocoEngine(
     def with_corners(self, setting: Setting, corners: int) -> Setting:
         """The setting with its rows at each of several points; unchanged for one, and without rows.
 
-        A flat body that lands on n points by symmetry moves as one that meets n times at its centre.
+        corners: number of points that meet at once. A flat body that lands on n points by symmetry
+        moves as one that meets n times at its centre.
         """
         if corners == 1 or not setting.options.get("rows"):
             return setting
@@ -287,8 +298,10 @@ class MujocoEngine(
         return plugin.install() if install else plugin.library()
 
     def accepts(self, source: Any) -> bool:
-        """Say whether MuJoCo opens this: a path of its suffixes, MJCF text, an MjModel, MjSpec or
-        MjData, (MjModel, MjData), or an environment that has both.
+        """Say whether MuJoCo opens this source, without opening it.
+
+        source: True for a path of its suffixes, MJCF text, an MjModel, MjSpec or MjData, (MjModel,
+        MjData), or an environment that has both.
         """
         if isinstance(source, str | Path):
             return str(source).lstrip().startswith("<") or super().accepts(source)
@@ -308,10 +321,11 @@ class MujocoEngine(
         request: Request,
         rebuild: Callable[[], Any] | None = None,
     ) -> MujocoModel:
-        """A model from a path, an MjModel, an MjSpec, MJCF text, or a state as it stands.
+        """Open a user's model with its pair at touch.
 
-        rebuild: unused, as MuJoCo copies a state. Raises UserError, with SceneError and
-        QuantityError among its kinds, where the model does not open or its pair cannot be measured.
+        source: a path, an MjModel, an MjSpec, MJCF text, or a state as it stands. rebuild: unused,
+        as MuJoCo copies a state. Raises UserError, with SceneError and QuantityError among its
+        kinds, where the model does not open or its pair cannot be measured.
         """
         from hcbench.engines.mujoco.model.open import load as load_user_model
         from hcbench.engines.mujoco.model.under_test import MujocoModel
@@ -324,7 +338,11 @@ class MujocoEngine(
         request: Request,
         rebuild: Callable[[], Any] | None = None,
     ) -> list[CandidatePair]:
-        """Pairs of geoms that may collide; UserError for a URDF without any."""
+        """Pairs of geoms of a user's model that may collide, those that touch at the start first.
+
+        source: a path, an MjModel, an MjSpec, MJCF text, or a state as it stands. request: the
+        pose. rebuild: unused. Raises UserError for a URDF without any, and what opening raises.
+        """
         from hcbench.engines.mujoco.model.find_pair import list_pairs
         from hcbench.engines.mujoco.model.open import load as load_user_model
 
@@ -348,7 +366,10 @@ class MujocoEngine(
     ) -> Iterable[ModelSetting]:
         """Settings to try, each <pair> elements for all pairs, the simplest first.
 
-        Errors come as they are tried: UserError and SceneError, as of `tune_model.model_settings`.
+        source: a path, MJCF text or an MjSpec. requests: of the pairs. goal: e over speed. was: how
+        the model stands as it is. rebuild: unused. version: of MuJoCo that has to load them; () for
+        any. Raises, as they are tried, SceneError for a model that does not compile and UserError
+        where a pair cannot be measured or no <pair> keeps its e.
         """
         from hcbench.engines.mujoco.model.tune_model import model_settings
 
@@ -360,10 +381,26 @@ class MujocoEngine(
         requests: Sequence[Request],
         rebuild: Callable[[], Any] | None = None,
     ) -> Iterable[ContactFamily]:
-        """Families of <pair> elements; errors come as they are made, as of `worlds.families`."""
+        """Families of <pair> elements whose numbers differ from world to world.
+
+        source: a path, MJCF text or an MjSpec. requests: one a pair. rebuild: unused. Raises, as
+        they are made, SceneError for a model that does not compile and UserError where a pair
+        cannot be measured or no <pair> keeps its e.
+        """
         from hcbench.engines.mujoco.model.worlds import families
 
         return families(_one_file(source), requests)
+
+    def varied(
+        self,
+        source: Any,
+        request: Request,
+        rebuild: Callable[[], Any] | None = None,
+    ) -> VariedContact:
+        """A <pair> for every two geoms of the pair; errors as of `vary.VariedPair`."""
+        from hcbench.engines.mujoco.model.vary import VariedPair
+
+        return VariedPair(_one_file(source), request)
 
     def land(
         self,
@@ -372,9 +409,12 @@ class MujocoEngine(
         drops: DropPlan,
         rebuild: Callable[[], Any] | None = None,
     ) -> Landings:
-        """Drop a robot with a free joint over parts of the world, from each height and tilt.
+        """Drop a robot with a free joint over parts of the world, from each height and tilt of
+        `drops`.
 
-        Raises UserError where the model has no such robot, EngineFailed where it diverges.
+        source: a path, an MjModel, an MjSpec, MJCF text, or a state as it stands. request: the pose
+        and conditions. rebuild: unused. Raises UserError where the model has no such robot,
+        EngineFailed where it diverges.
         """
         from hcbench.engines.mujoco.model.landing import land
         from hcbench.engines.mujoco.model.open import load as load_user_model
@@ -386,7 +426,10 @@ class MujocoEngine(
     ) -> TrajectoryTouchdowns:
         """Find where a recorded motion met the floor.
 
-        recorded: qpos (n, nq) and qvel (n, nv), SI, and time (n,), s, where it is known.
+        source: a path, an MjModel, an MjSpec or MJCF text. request: its pair is the one to read;
+        without one each part that moves, on what does not.
+        recorded: qpos (n, nq) and qvel (n, nv), SI, and time (n,), s, where it is known. Raises
+        UserError for other shapes.
         """
         from hcbench.engines.mujoco.model.landing import touchdowns
         from hcbench.engines.mujoco.model.open import load as load_user_model
@@ -405,7 +448,9 @@ class MujocoEngine(
     ) -> Standing:
         """Measure how a user's model stands, in plain steps of the model.
 
-        setting: that is written into it; None: as it is. requests: of its pairs.
+        source: a path, an MjModel, an MjSpec, MJCF text, or a state as it stands. setting: that is
+        written into it; None: as it is. requests: of its pairs. Raises UserError where a pair
+        cannot be brought to touch.
         """
         from hcbench.engines.mujoco.model.standing import standing
 
@@ -426,8 +471,11 @@ class MujocoEngine(
         return landing(_one_file(source), requests, like)
 
     def landing_peaks(self, source: Any, request: Request) -> tuple[LandingPeak, ...]:
-        """Drop the body of a pair with all that hangs on it; () where it cannot fall on what stands
-        still.
+        """Peak forces of drops of the pair's moving body, with all that hangs on it, over its
+        weight.
+
+        source: a path, MJCF text or an MjSpec. request: of the pair. Returns () where the body
+        cannot fall on what stands still, and for a MuJoCo without contact sensors.
         """
         from hcbench.engines.mujoco.model.drop_test import landing_peaks
 
@@ -463,7 +511,9 @@ def _one_file(source: Any) -> Any:
 def _pool(scene: Scene, timestep: float, options: Options) -> BatchPool:
     """The pool of a scene under a setting, compiled, or the one that was made for it before.
 
-    Compiled again if the scene's file has changed or names others. Errors are those of `load`.
+    timestep: s. options: the setting's. Compiled again if the scene's file has changed or names
+    others. Raises SettingError for friction or adhesion in a cup, SceneError for a model that is
+    not what the scene says, EngineMissing for a MuJoCo that is too old.
     """
     try:
         written = mjcf.model_path(scene).read_bytes()

@@ -51,7 +51,8 @@ def simulate(
     """States before the first step of Euler's integrator and after each, (steps + 1, 13), of each
     toss.
 
-    values: of the setting's parameters, SI, in its order. timestep: s.
+    values: of the setting's parameters, SI, in its order. timestep: s. tosses: motions to start
+    from, each with its time.
     A state is position, quaternion w x y z, velocity and spin, in the world. Raises SettingError
     for numbers that a plug-in's law does not take, EngineMissing or EngineFailed without MuJoCo.
     """
@@ -64,10 +65,10 @@ def simulate(
 def _model(
     mujoco: Any, body: Body, setting: ContactSetting, values: Sequence[float], timestep: float
 ) -> Any:
-    """The compiled model of a body on a free joint over a plate, under a setting.
+    """The compiled model, MjModel, of a body on a free joint over a plate, under a setting.
 
-    values: of the setting's parameters, SI, in its order.
-    timestep: s.
+    mujoco: the module. body: shape, mass and inertia of what is tossed. values: of the setting's
+    parameters, SI, in its order. timestep: s.
     """
     spec = mujoco.MjSpec()
     spec.option.timestep = timestep
@@ -103,7 +104,8 @@ def _simulate(mujoco: Any, model: Any, data: Any, toss: Toss, timestep: float) -
     """States of one toss before the first step and after each, (steps + 1, 13), SI, in the world.
 
     A state is position, quaternion w x y z, velocity and spin. Velocities are those of the true
-    motion at the step's end, which `as_body` makes of the integrator's.
+    motion at the step's end, which `as_body` makes of the integrator's. mujoco: the module. data:
+    MjData of the model, reset here. timestep: s.
     """
     mujoco.mj_resetData(model, data)
     turn = np.empty(9)

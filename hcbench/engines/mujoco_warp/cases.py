@@ -37,7 +37,8 @@ class WarpWorlds:
 
         Their models have the same shapes and steps of one length.
         """
-        self.worlds, self.made = self.made, []
+        self.worlds = self.made
+        self.made = []
         models = [mujoco_warp.put_model(model) for model, _ in self.worlds]
         self._join(models)
         self._join([model.opt for model in models])

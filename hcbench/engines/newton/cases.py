@@ -27,7 +27,9 @@ class NewtonBodies:
         self, solver: str, combine: str | None, options: dict[str, Any], suffix: str = ""
     ) -> None:
         """Choose a solver, how it joins two restitutions, its options, and what its name ends with."""
-        self.name, self.combine, self.options = f"newton-{solver.lower()}{suffix}", combine, options
+        self.name = f"newton-{solver.lower()}{suffix}"
+        self.combine = combine
+        self.options = options
         self.solver = getattr(newton.solvers, f"Solver{solver}")
         # The damper's numbers are those of pairs, which MuJoCo's own finder of contacts has.
         self.has_pairs = self.name == "newton-mujoco"
@@ -42,11 +44,14 @@ class NewtonBodies:
             self.solver.register_custom_attributes(self.builder)
 
     def make(self, world: dict[str, Any]) -> None:
-        """Add a world, see `hcbench_cases`, to those that `start` will step.
+        """Add a world to those that `start` will step.
 
-        Raises NotImplementedError for an e above 0 under a solver without restitution.
+        world: in SI units: timestep, gravity, friction, restitution (or materials: e of the bodies
+        and of the floor), bodies, and floor, true or false. Raises NotImplementedError for an e
+        above 0 under a solver without restitution.
         """
-        self.h, builder = world["timestep"], self.builder
+        self.h = world["timestep"]
+        builder = self.builder
         e, floor = world.get("materials", [world.get("restitution")] * 2)
         if self.combine is None and ((e and not self.has_pairs) or "materials" in world):
             raise NotImplementedError("has no restitution")
@@ -60,10 +65,8 @@ class NewtonBodies:
         for body in world["bodies"]:
             i, at = -1, (*body["position"], 0, 0, 0, 1)
             if not body.get("fixed"):
-                i, at = (
-                    builder.add_body(xform=at, custom_attributes=self.of_body),
-                    (0.0,) * 6 + (1.0,),
-                )
+                i = builder.add_body(xform=at, custom_attributes=self.of_body)
+                at = (0.0,) * 6 + (1.0,)
                 builder.joint_qd[-6:] = [*body["velocity"], *body["spin"]]
             self._shape(i, at, body, builder.ShapeConfig(restitution=e, **common))
         if world["floor"]:
@@ -74,7 +77,10 @@ class NewtonBodies:
         builder.end_world()
 
     def _gains(self, world: dict[str, Any]) -> dict[str, float]:
-        """Stiffness and dampings of a contact, N/m and N s/m; empty for those of Newton."""
+        """Stiffness and dampings of a contact, N/m and N s/m; empty for those of Newton.
+
+        world: of a case. They are scaled so that they suit its lightest body, in steps of `self.h`.
+        """
         if self.name not in self.gains:
             return {}
         moving = [body for body in world["bodies"] if not body.get("fixed")]
@@ -84,7 +90,11 @@ class NewtonBodies:
         return {"ke": stiffness * stops / self.h, "kd": damping * stops, "kf": 0.5 * stops}
 
     def _shape(self, i: int, at: Any, body: dict[str, Any], cfg: Any) -> None:
-        """Add the shape of a body, by its number, to the world that has begun."""
+        """Add the shape of a body to the world that has begun.
+
+        i: number of Newton's body, -1 for the world itself. at: its place in the body, x y z and
+        quaternion. body: of the case, SI. cfg: Newton's ShapeConfig, whose density is set here.
+        """
         size = body.get("half", [body.get("radius")] * 3)
         if body["shape"] == "mesh":
             size = np.max(body["vertices"], axis=0)
@@ -99,7 +109,11 @@ class NewtonBodies:
             self.builder.add_shape(body=i, type=kind, xform=at, scale=size, cfg=cfg)
 
     def _damper(self, pair: tuple[int, int], e: float, mu: float) -> None:
-        """Add a <pair> of two shapes, with the numbers of MuJoCo's adapter, which has the reasons."""
+        """Add a <pair> of two shapes to Newton's MuJoCo solver; MuJoCo's adapter gives the reasons
+        for its numbers.
+
+        pair: numbers of the two shapes. e: restitution. mu: friction; 0 for a contact without.
+        """
         share = 1e-4 if e and mu else 0.9999
         values: dict[str, Any] = {"geom1": pair[0], "geom2": pair[1], "condim": 3 if mu else 1}
         values |= {

@@ -15,21 +15,30 @@ osim.Logger.removeFileSink()
 class OpensimBodies:
     """With the best settings that are known."""
 
-    name, version, combine = "opensim", version("opensim"), None
+    name = "opensim"
+    version = version("opensim")
+    combine = None
 
     def make(self, world: dict[str, Any]) -> None:
-        """Build a model, its bodies at their start; NotImplementedError for what it has not."""
+        """Build a model, its bodies at their start.
+
+        world: in SI units: timestep, gravity, friction, restitution, bodies, and floor, true or
+        false. Raises NotImplementedError for any e but 0 and 1, for materials, for shapes other
+        than spheres and for fixed bodies.
+        """
         e = world.get("restitution")
         if e not in (0.0, 1.0):
             raise NotImplementedError("has no restitution: its loss depends on the speed")
         if any(body["shape"] != "sphere" or body.get("fixed") for body in world["bodies"]):
             raise NotImplementedError("has meshes of files alone, and no boxes")
-        self.h, self.steps = world["timestep"], 0
+        self.h = world["timestep"]
+        self.steps = 0
         self.model = osim.Model()
         self.model.setGravity(osim.Vec3(*world["gravity"]))
         ground = self.model.getGround()
         force = osim.HuntCrossleyForce()
-        self.moving, starts = [], []
+        self.moving = []
+        starts = []
         for i, body in enumerate(world["bodies"]):
             inertia = osim.Inertia(0.4 * body["mass"] * body["radius"] ** 2)
             made = osim.Body(f"body{i}", body["mass"], osim.Vec3(0), inertia)
@@ -40,7 +49,8 @@ class OpensimBodies:
             self.model.addContactGeometry(ball)
             force.addGeometry(f"ball{i}")
             self.moving.append(made)
-            places, speeds = [0, 0, 0, *body["position"]], body["spin"] + body["velocity"]
+            places = [0, 0, 0, *body["position"]]
+            speeds = body["spin"] + body["velocity"]
             starts.append((joint, [*zip(places, speeds, strict=True)]))
         if world["floor"]:
             upwards = osim.Vec3(0, math.pi / 2, 0)  # the half space's normal is -x of its frame
@@ -59,7 +69,8 @@ class OpensimBodies:
             for i, (place, speed) in enumerate(start):
                 joint.get_coordinates(i).setValue(now, place)
                 joint.get_coordinates(i).setSpeedValue(now, speed)
-        self.now, self.manager = now, osim.Manager(self.model)
+        self.now = now
+        self.manager = osim.Manager(self.model)
         self.manager.setWriteToStorage(False)
         self.manager.setPerformAnalyses(False)
         self.manager.setIntegratorAccuracy(1e-9)  # with OpenSim's 1e-3 e is wrong by 0.2

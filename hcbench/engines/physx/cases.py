@@ -14,7 +14,9 @@ import sapien  # type: ignore[import-not-found]
 class PhysxBodies:
     """With the best settings that are known."""
 
-    name, version, combine = "physx", version("sapien"), "average"
+    name = "physx"
+    version = version("sapien")
+    combine = "average"
 
     def configure(self, gravity: list[float]) -> None:
         """Set the parameters of the scenes to come."""
@@ -31,7 +33,8 @@ class PhysxBodies:
     def make(self, world: dict[str, Any]) -> None:
         """Build a scene of PhysX, its bodies at their start.
 
-        world: a case in SI units, see `hcbench_cases`. Raises NotImplementedError for a mesh.
+        world: in SI units: timestep, gravity, friction, restitution (or materials: e of the bodies
+        and of the floor), bodies, and floor, true or false. Raises NotImplementedError for a mesh.
         """
         self.configure(world["gravity"])
         self.system = sapien.physx.PhysxCpuSystem()
@@ -71,9 +74,11 @@ class PhysxBodies:
             return
         made = builder.build("moving")
         part = made.find_component_by_type(sapien.physx.PhysxRigidDynamicComponent)
-        part.mass, part.inertia = body["mass"], [body["mass"] * arm for arm in arms]
+        part.mass = body["mass"]
+        part.inertia = [body["mass"] * arm for arm in arms]
         self.make_exact(part)
-        part.linear_velocity, part.angular_velocity = body["velocity"], body["spin"]
+        part.linear_velocity = body["velocity"]
+        part.angular_velocity = body["spin"]
         self.moving.append(part)
 
     def step(self) -> None:

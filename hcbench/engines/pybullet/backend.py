@@ -40,6 +40,8 @@ POINT_B = 6
 NORMAL = 7
 DISTANCE = 8
 FORCE = 9
+# Place in getDynamicsInfo: kg, 0 of what cannot move.
+MASS = 0
 # Bullet's own values of what outlives resetSimulation; contactBreakingThreshold, a global of the
 # process, outlives the client too. Every world made here starts with them.
 LASTING_SETTINGS = {"contactBreakingThreshold": 0.02, "numSubSteps": 0, "enableFileCaching": 0}

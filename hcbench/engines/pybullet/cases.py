@@ -14,7 +14,9 @@ import pybullet
 class PybulletBodies:
     """With the best settings that are known."""
 
-    name, version, combine = "pybullet", version("pybullet"), "product"
+    name = "pybullet"
+    version = version("pybullet")
+    combine = "product"
 
     def __init__(self) -> None:
         self.client = pybullet.connect(pybullet.DIRECT)
@@ -43,8 +45,9 @@ class PybulletBodies:
     def make(self, world: dict[str, Any]) -> None:
         """Build a world in place of the last one, its bodies at their start.
 
-        world: a case in SI units, see `hcbench_cases`. Bullet multiplies the restitutions of
-        two bodies, and their frictions.
+        world: in SI units: timestep, gravity, friction, restitution (or materials: e of the bodies
+        and of the floor), bodies, and floor, true or false. Bullet multiplies the restitutions of
+        two bodies, and their frictions: each gets the root.
         """
         pybullet.resetSimulation()
         materials = world.get("materials", [math.sqrt(world.get("restitution", 0.0))] * 2)

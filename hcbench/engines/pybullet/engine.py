@@ -32,6 +32,7 @@ from hcbench.sim.capabilities import (
     HasPlugin,
     LandsRobots,
     TunesModels,
+    VariesContacts,
 )
 from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.rest import UNKNOWN, Standing
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 
     from hcbench.engines.pybullet.model.under_test import PybulletModel
     from hcbench.laws.restitution import RestitutionCurve
+    from hcbench.sim.capabilities import VariedContact
     from hcbench.sim.landing import DropPlan, Landings
     from hcbench.sim.model_under_test import CandidatePair, ModelSetting, Request
     from hcbench.sim.promise import Promise
@@ -60,7 +62,9 @@ _CAVEAT = (
 )
 
 
-class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, SteppedEngine):
+class PybulletEngine(
+    DescribesContact, HasPlugin, VariesContacts, TunesModels, LandsRobots, SteppedEngine
+):
     """Bullet 3 behind its Python module."""
 
     name = "pybullet"
@@ -93,7 +97,7 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Step
 
     def promised(self, text: str, pair: Pair, promise: Promise) -> str:
         """The text of a setting with a call that keeps its promise as user data of the first body."""
-        from hcbench.engines.pybullet.model.promises import promise_line
+        from hcbench.engines.pybullet.model.causes import promise_line
 
         # A whole script has dropped its ball when it ends; other text is no Python.
         if "pybullet." not in text or "pybullet.connect(" in text:
@@ -145,8 +149,10 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Step
         return plugin.library()
 
     def accepts(self, source: Any) -> bool:
-        """Say whether PyBullet opens this: a path of its suffixes, a list of paths, a client's id,
-        a BulletClient, a `World`, or None where the process has a client.
+        """Say whether PyBullet opens this source, without opening it.
+
+        source: True for a path of its suffixes, a list of paths, a client's id, a BulletClient, a
+        `World`, or None where the process has a client.
         """
         if isinstance(source, list | tuple):
             return all(isinstance(part, str | Path) for part in source)
@@ -171,6 +177,14 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Step
 
         return open_world(source, request, rebuild)
 
+    def varied(
+        self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
+    ) -> VariedContact:
+        """A world that is made again with other restitution and friction of the pair."""
+        from hcbench.engines.pybullet.model.vary import VariedWorld
+
+        return VariedWorld(source, request, rebuild)
+
     def pairs(
         self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
     ) -> list[CandidatePair]:
@@ -188,9 +202,12 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Step
         rebuild: Callable[[], Any] | None = None,
         version: tuple[int, ...] = (),
     ) -> Iterable[ModelSetting]:
-        """One setting, lines of changeDynamics and setPhysicsEngineParameter for the pairs.
+        """Settings to try, each lines of changeDynamics and setPhysicsEngineParameter for all
+        pairs.
 
-        Errors come as it is read: UserError for a live client, and those of `open`.
+        source: files, a `World`, or a client. rebuild: makes it again, where a function built it.
+        requests: of the pairs. goal: e over speed. was, version: unused. Errors come as they are
+        read: UserError for a live client, and what opening raises.
         """
         from hcbench.engines.pybullet.model.under_test import model_settings
 
@@ -201,7 +218,9 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Step
     ) -> Standing:
         """Measure how the first pair of a user's world rests on the level and on a slope.
 
-        setting: whose lines are run first; None: the world as it is.
+        source: files, a `World`, or a client. setting: whose lines are run first; None: the world
+        as it is. requests: of the pairs; the first counts. Raises UserError and SceneError where it
+        cannot be opened.
         """
         from hcbench.engines.pybullet.model.under_test import PybulletModel
 
@@ -217,7 +236,13 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Step
         drops: DropPlan,
         rebuild: Callable[[], Any] | None = None,
     ) -> Landings:
-        """Drop a robot with a free base over the fixed bodies of its world."""
+        """Drop a robot with a free base over the fixed bodies of its world, from each height and
+        tilt.
+
+        source: files, a `World`, or a client. rebuild: makes it again, where a function built it.
+        request: the pose. drops: heights, m, tilts, rad, and the controller. Raises UserError for a
+        world without robot or floor, and for another process's client.
+        """
         from hcbench.engines.pybullet.model.under_test import land_in
 
         return land_in(source, request, drops, rebuild)
@@ -225,8 +250,10 @@ class PybulletEngine(DescribesContact, HasPlugin, TunesModels, LandsRobots, Step
     def touchdowns(
         self, source: Any, request: Request, recorded: Mapping[str, Floats]
     ) -> TrajectoryTouchdowns:
-        """Raise UserError: PyBullet has no names for a recorded state."""
-        raise UserError("trajectory", f"a world of {self.title}", "a model of MuJoCo")
+        """Find where a recorded motion met the bodies that do not move."""
+        from hcbench.engines.pybullet.model.under_test import touchdowns_in
+
+        return touchdowns_in(source, request, recorded)
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
         """Bullet's restitution of a contact."""

@@ -1,17 +1,341 @@
-"""Settings of PyBullet, the preferred ones of each role first."""
+"""Settings of PyBullet, the preferred ones of each role first, and the fit of the contacts of
+`staggered`.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from hcbench.engines.pybullet.staggered_fit import Contacts, fit_contacts
+import numpy as np
+
+from hcbench.laws import closed_form
 from hcbench.recipes import constant
 from hcbench.recipes.constant import minimax_constant, resolvable_law
 from hcbench.recipes.law_recipes import exact_above, plug_in_recipes
-from hcbench.recipes.recipe import Recipe, Role, stock
+from hcbench.recipes.recipe import Recipe, Role, Search, map_result, stock
 from hcbench.recipes.target import Target
 from hcbench.terms.resolution import STEPS_OF_A_LOOP
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from hcbench.laws.force import HuntCrossley
+    from hcbench.recipes.target import Target
+    from hcbench.terms.impact import Floats
+
+
+# Fits contacts of Bullet's own that start at staggered depths to eq. (16), by a model of Bullet's
+# steps.
+#
+# A contact with contactStiffness k and contactDamping c' whose depth x is above 0 at a step's
+# start pushes with F = max(0, k (x + h v) + c' v), v the approach rate at the step's end; several
+# add up. So with c' = c - k h it is a spring on the depth at the start and a damper c on the rate
+# at the end: near touch the law asks for c' below 0.
+
+# Onset of the second contact over the largest penetration.
+_FIRST = 0.03
+# Least onset of the second contact, over the longest way in a step.
+_FIRST_STEP = 0.43
+# Multiples of that onset that are tried: the best is taken.
+_FIRST_TRIED = (1.0, 1.16)
+# Most steps of the shortest contact that a fit takes: finer steps are fitted at so many.
+_STEPS_MOST = 250.0
+# Phases of a step at each speed are so many over the steps of the shortest contact.
+_LAUNCHES = 320.0
+# Fewest and most phases.
+_PHASES_LEAST = 3
+_PHASES_MOST = 16
+# Impact speeds of the fit.
+_SPEEDS = 40
+# Impact speeds of its check, which lie between those of the fit.
+_OTHER_SPEEDS = 97
+# Loops of force over penetration that are fitted.
+_LOOPS = 12
+# Points of each of the two branches of a loop.
+_POINTS = 24
+# One unit of misfit in e, as a share of the error of one e for all speeds.
+_SHARE = 0.015
+# Least unit of misfit in e.
+_LEAST = 1e-5
+# Units of misfit in a loop's force over its largest, in those of e.
+_FORCE_SHARE = 13.0
+# Powers of the misfit in e, one after another: a higher one minds the worst.
+_POWERS = (1, 2)
+# Evaluations with each power.
+_EVALUATIONS = 30
+# Relative change of a parameter for derivatives: wide, as e jumps where a
+# contact starts a step earlier.
+_NUDGE = 1e-2
+# Least k and c of a start, over the median: no search revives a contact that does nothing.
+_FAINTEST = 0.1
+# Launches at a time: more do not fit into a cache.
+_BLOCK = 60
+# Rounds until it is known which contacts push: more change nothing.
+_ACTIVE_ROUNDS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Contacts:
+    """Contacts from depths `onset` (m) on with k (N/m) and c (N s/m) of
+    the law; shapes (n,) or (b, n).
+    """
+
+    onset: Floats
+    stiffness: Floats
+    damping: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class FittedImpacts:
+    """Impacts at speeds (m/s) and phases of a step, shape (n,); `steps` are enough for all to part.
+
+    mass: kg.
+    h: s.
+    g: gravity, m/s².
+    """
+
+    speeds: Floats
+    phases: Floats
+    mass: float
+    h: float
+    g: float
+    steps: int
+
+    @classmethod
+    def of(
+        cls, target: Target, law: HuntCrossley, speeds: int, denser: float = 1.0
+    ) -> FittedImpacts:
+        """Impacts that a fit looks at, at so many speeds over the target's band.
+
+        denser: factor on the number of phases of a step. The fit's step is the target's, but not
+        finer than a share of the law's shortest contact.
+        """
+        shortest = float(closed_form.duration(law, target.mass, target.speed_max))
+        longest = float(closed_form.duration(law, target.mass, target.speed_min))
+        h = max(target.timestep, shortest / _STEPS_MOST)
+        phases_of_step = np.clip(round(_LAUNCHES * h / shortest), _PHASES_LEAST, _PHASES_MOST)
+        phases = int(denser * phases_of_step)
+        # Slow impacts are the hard ones: the speeds lie denser there.
+        share = np.linspace(0.0, 1.0, speeds) ** 1.2
+        at = target.speed_min + (target.speed_max - target.speed_min) * share
+        grid = np.meshgrid(at, (np.arange(phases) + 0.5) / phases, indexing="ij")
+        speed, phase = (axis.ravel() for axis in grid)
+        return cls(speed, phase, target.mass, h, target.gravity, int(1.25 * longest / h) + 6)
+
+    def restitution(self, contacts: Contacts) -> Floats:
+        """e as Bullet delivers it, shape (b, n), of contacts of shape (b, rows)."""
+        blocks = -(-len(self.speeds) // _BLOCK)
+        split = (np.array_split(of, blocks) for of in (self.speeds, self.phases))
+        parts = [replace(self, speeds=v, phases=phase) for v, phase in zip(*split, strict=True)]
+        return np.concatenate([part._restitution(contacts) for part in parts], axis=1)
+
+    def _restitution(self, contacts: Contacts) -> Floats:
+        """e of all impacts at once, (b, n): Bullet's steps, and speeds at the touch
+        plane by what flight conserves.
+
+        contacts: of shape (b, rows).
+        """
+        h = self.h
+        fall = self.h * self.g
+        # (rows, b, 1)
+        onset = contacts.onset.T[..., None]
+        k = (h / self.mass) * contacts.stiffness.T[..., None]
+        c = (h / self.mass) * contacts.damping.T[..., None]
+        x = np.tile(-self.phases * h * self.speeds, (k.shape[1], 1))
+        v = np.tile(self.speeds - self.phases * fall, (k.shape[1], 1))
+        before = (v + fall / 2) ** 2 - 2 * self.g * x
+        for _ in range(self.steps):
+            depth = x - onset
+            spring = k * np.maximum(depth, 0.0)
+            damper = np.where(depth > 0, c, 0.0)
+            parted = (x <= 0) & (v < 0)
+            v = np.where(parted, v, _rate_after(v + fall, spring, damper))
+            x = np.where(parted, x, x + h * v)
+            if parted.all():
+                break
+        after = (v + fall / 2) ** 2 - 2 * self.g * x
+        return np.asarray(np.sqrt(np.maximum(after, 0.0) / before))
+
+
+def _rate_after(free: Floats, spring: Floats, damper: Floats) -> Floats:
+    """v = free - sum of max(0, spring + damper v), shape (b, n); spring, damper: (rows, b, n)."""
+    v = (free - spring.sum(0)) / (1 + damper.sum(0))
+    for _ in range(_ACTIVE_ROUNDS):
+        before = v
+        pushes = spring + damper * v > 0
+        v = (free - (spring * pushes).sum(0)) / (1 + (damper * pushes).sum(0))
+        if np.array_equal(v, before):
+            break
+    return np.asarray(v)
+
+
+@dataclass(frozen=True, slots=True)
+class _Loops:
+    """Loops of the law, (n,), SI.
+
+    v: rate at a step's end.
+    scale: of a force, to a share.
+
+    The squares of all shares add up to the mean over the loops of the squared distance (rms).
+    """
+
+    x: Floats
+    v: Floats
+    force: Floats
+    scale: Floats
+
+    @classmethod
+    def of(cls, law: HuntCrossley, mass: float, speeds: Floats, h: float) -> _Loops:
+        """Loops of a law for a mass, kg, at impact speeds, m/s, with the
+        rates that a step h, s, ends with.
+        """
+        angle = (np.arange(_POINTS) + 0.5) / _POINTS * np.pi / 2
+        columns = []
+        for speed in speeds.tolist():
+            x = float(closed_form.penetration_max(law, mass, speed)) * np.sin(angle)
+            largest = float(closed_form.force_max(law, mass, speed))
+            scale = np.sqrt(np.cos(angle) * np.pi / 4 / _POINTS / len(speeds)) / largest
+            for branch in ("approach", "rebound"):
+                v = closed_form.rate_at(law, mass, speed, x, branch)
+                force = law.force(x, v)
+                columns.append((x, v - h * force / mass, force, scale))
+        return cls(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+
+    def misfit(self, contacts: Contacts) -> Floats:
+        """Shape (b, n), of contacts of shape (b, rows)."""
+        depth = self.x[:, None] - contacts.onset[:, None]
+        each = contacts.stiffness[:, None] * depth + contacts.damping[:, None] * self.v[:, None]
+        return np.asarray(
+            (np.where(depth > 0, np.maximum(0.0, each), 0.0).sum(-1) - self.force) * self.scale
+        )
+
+    def first_guess(self, onset: Floats, step: float) -> Contacts:
+        """Contacts from these onsets (m, (n,)) whose summed force is near the loops'.
+
+        A linear fit, again and again without the contacts that would pull; none is 0, as no later
+        search revives it.
+        step: s.
+        """
+        # SciPy's optimisation is slow to import, and a list of recipes needs none of it.
+        from scipy.optimize import nnls
+
+        depth = np.maximum(0.0, self.x[:, None] - onset)
+        rate = np.where(depth > 0, self.v[:, None], 0.0)
+        pushes = depth > 0
+        for _ in range(8):
+            columns = np.concatenate([depth * pushes, rate * pushes], axis=1) * self.scale[:, None]
+            unit = np.linalg.norm(columns, axis=0) + 1e-300
+            solution = nnls(columns / unit, self.force * self.scale, maxiter=10_000)[0] / unit
+            k, c = np.split(solution, 2)
+            pushes = (depth > 0) & (k * depth + c * rate > 0)
+        least = _FAINTEST * np.median(c)
+        k = np.maximum(k, max(_FAINTEST * np.median(k), 1e-3 * k.max()))
+        return Contacts(onset, k, np.maximum(c, np.maximum(least, 1e-3 * step * k)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Misfit:
+    """Errors of contacts, in units of `unit`, of e: in e at launches,
+    (n,), and in force over loops.
+
+    Parameters are the logarithms of stiffnesses, dampings and distances between starts: 3 rows - 1.
+    """
+
+    launches: FittedImpacts
+    wanted: Floats
+    loops: _Loops
+    unit: float
+
+    @staticmethod
+    def contacts(parameters: Floats) -> Contacts:
+        """Contacts of parameters (b, 3 rows - 1)."""
+        rows = (parameters.shape[-1] + 1) // 3
+        k, c, apart = np.split(np.exp(parameters), [rows, 2 * rows], axis=-1)
+        return Contacts(
+            np.cumsum(np.concatenate([0.0 * k[..., :1], apart], axis=-1), axis=-1), k, c
+        )
+
+    @staticmethod
+    def parameters(contacts: Contacts) -> Floats:
+        """Parameters of contacts (rows,)."""
+        return np.asarray(
+            np.log(np.concatenate([contacts.stiffness, contacts.damping, np.diff(contacts.onset)]))
+        )
+
+    def residuals(self, parameters: Floats, power: int) -> Floats:
+        """Shape (b, residuals), those of e to a power: sums of squares mind the worst more then."""
+        made = self.contacts(parameters)
+        off = (self.launches.restitution(made) - self.wanted) / self.unit
+        each = np.sign(off) * np.abs(off) ** power / np.sqrt(off.shape[1])
+        return np.concatenate([each, self.loops.misfit(made) / (_FORCE_SHARE * self.unit)], axis=1)
+
+    def jacobian(self, parameters: Floats, power: int) -> Floats:
+        """Jacobian of `residuals` at one point: (residuals, parameters)."""
+        nudges = _NUDGE * np.eye(len(parameters))
+        up, down = (self.residuals(parameters + sign * nudges, power) for sign in (1, -1))
+        return np.asarray((up - down).T / (2 * _NUDGE))
+
+    def fitted(self, parameters: Floats, record: Callable[[Floats, Floats], None]) -> Floats:
+        """Better parameters, (n,), by least squares from these.
+
+        record: is given each trial's parameters, (1, n), and largest error of e, (1,).
+        """
+        from scipy.optimize import least_squares
+
+        def residuals(parameters: Floats, power: int) -> Floats:
+            residuals = self.residuals(parameters[None], power)
+            worst = np.abs(residuals[:, : self.wanted.size]).max(axis=1) * np.sqrt(self.wanted.size)
+            record(parameters[None], self.unit * worst ** (1 / power))
+            return np.asarray(residuals[0])
+
+        for power in _POWERS:
+            fit = least_squares(
+                residuals,
+                parameters,
+                self.jacobian,
+                xtol=1e-5,
+                ftol=1e-4,
+                max_nfev=_EVALUATIONS,
+                args=(power,),
+            )
+            parameters = fit.x
+        return parameters
+
+
+def fit_contacts(
+    target: Target, law: HuntCrossley, count: int, result: Callable[[Contacts], Any]
+) -> Contacts:
+    """So many contacts that follow `law` in e, and in force nearly, over the target's speeds.
+
+    count: of contacts.
+    result: makes of the best contacts until then what an interrupt of the search hands out.
+
+    Raises SearchInterrupted with that.
+    """
+    launches = FittedImpacts.of(target, law, _SPEEDS)
+    others = FittedImpacts.of(target, law, _OTHER_SPEEDS, 3.0)
+    speeds = np.geomspace(target.speed_min, target.speed_max, _LOOPS)
+    loops = _Loops.of(law, target.mass, speeds, launches.h)
+    wanted = closed_form.restitution(law.alpha, launches.speeds)
+    _, error_of_constant = minimax_constant(target)
+    misfit = _Misfit(launches, wanted, loops, max(_SHARE * error_of_constant, _LEAST))
+    elastic = replace(law, alpha=0.0)
+    top = float(closed_form.penetration_max(elastic, target.mass, target.speed_max))
+    first = min(max(_FIRST * top, _FIRST_STEP * launches.h * target.speed_max), 0.5 * top)
+    search = Search(len(_FIRST_TRIED) * len(_POWERS) * _EVALUATIONS)
+    fits = []
+    with map_result(lambda best: result(misfit.contacts(best))), search.interrupt_with_best():
+        for tried in _FIRST_TRIED:
+            onset = np.concatenate([[0.0], np.geomspace(tried * first, top, count)[:-1]])
+            start = misfit.parameters(loops.first_guess(onset, launches.h))
+            fits.append(misfit.fitted(start, search.record))
+    its = closed_form.restitution(law.alpha, others.speeds)
+    off = others.restitution(misfit.contacts(np.array(fits))) - its
+    search.add(len(_FIRST_TRIED) * len(_POWERS) * _EVALUATIONS)
+    return misfit.contacts(fits[int(np.abs(off).max(axis=1).argmin())])
+
 
 # PyBullet: delivers exactly the restitution that is set.
 

@@ -79,8 +79,8 @@ def _load(
 ) -> int:
     """Make plate and body with their contact in an empty client; returns the body's id.
 
-    given: parameters of the setting by name, SI.
-    timestep: s.
+    body: shape, mass and inertia of what is tossed. setting: which contact it gets: a stiffness, a
+    restitution or the plug-in. given: parameters of the setting by name, SI. timestep: s.
     """
     from hcbench.engines.pybullet import plugin
 

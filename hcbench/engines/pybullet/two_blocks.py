@@ -54,9 +54,10 @@ def simulate(
 def _simulate(
     bullet: BulletClient, blocks: TwoBlocks, position: float, velocity: float, forces: Floats
 ) -> tuple[Floats, Floats]:
-    """The same in a client that is given, which must be empty.
+    """(positions, m; velocities, m/s) of the ball along x before the first step and after each, (n
+    + 1,) each, in a client that is empty.
 
-    position, velocity: at the start.
+    position, velocity: at the start, m and m/s.
     forces: N, (n,), one for each step.
     """
     from hcbench.engines.pybullet import plugin

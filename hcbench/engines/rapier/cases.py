@@ -11,7 +11,9 @@ import rapier3d as rapier
 class RapierBodies:
     """With the best settings that are known."""
 
-    name, version, combine = "rapier", version("rapier3d"), "average"
+    name = "rapier"
+    version = version("rapier3d")
+    combine = "average"
 
     def set_world(self) -> None:
         """Choose parameters of the solver."""
@@ -26,8 +28,9 @@ class RapierBodies:
     def make(self, world: dict[str, Any]) -> None:
         """Build a world of Rapier, its bodies at their start.
 
-        world: a case in SI units, see `hcbench_cases`. Rapier averages the restitutions of
-        two colliders, and their frictions.
+        world: in SI units: timestep, gravity, friction, restitution (or materials: e of the bodies
+        and of the floor), bodies, and floor, true or false. Rapier averages the restitutions of two
+        colliders, and their frictions.
         """
         self.world = rapier.PhysicsWorld(gravity=world["gravity"])
         self.world.integration_parameters.dt = world["timestep"]
@@ -61,7 +64,7 @@ class RapierBodies:
     def _insert(self, collider: Any, e: float, friction: float, handle: Any = None) -> None:
         """Add a collider to the world with its restitution and friction.
 
-        handle: of its body; None for one that is fixed in the world.
+        e: restitution. handle: of its body; None for one that is fixed in the world.
         """
         colliders = self.world.colliders
         if handle is None:
@@ -70,7 +73,8 @@ class RapierBodies:
             made = colliders[
                 colliders.insert_with_parent(collider, handle, self.world.rigid_bodies)
             ]
-        made.restitution, made.friction = e, friction
+        made.restitution = e
+        made.friction = friction
 
     def step(self) -> None:
         self.world.step()

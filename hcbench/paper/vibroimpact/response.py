@@ -119,10 +119,12 @@ def _simulate(
     tolerance: float,
 ) -> Floats:
     """Simulate these systems and drives side by side: position, velocity, highest, lowest and
-    touches, see `Orbits`, shape (5, cases, keep).
+    touches of the last cycles, shape (5, cases, keep).
 
     cases: systems that differ in their gap alone, and the drive of each.
-    start: position (m) and velocity (m/s). Raises as `orbits`.
+    cycles: periods of the drive that each runs; the last `keep` are kept.
+    start: position (m) and velocity (m/s). tolerance: error of a step over the size of the motion.
+    Raises UserError for a start without motion, EngineFailed where no step is short enough.
     """
     system, _ = cases[0]
     position, velocity = start.tolist()
@@ -182,7 +184,8 @@ class _CycleRecorder:
         self.highest[rows] = np.maximum(self.highest[rows], y[0])
         self.lowest[rows] = np.minimum(self.lowest[rows], y[0])
         self.touches[rows] += ((before == APART) & (after != APART)).any(axis=0)
-        ends, y = rows[arrived], y[:, arrived]
+        ends = rows[arrived]
+        y = y[:, arrived]
         late = self.column[ends] >= 0
         which = ends[late]
         column = self.column[ends][late]

@@ -178,8 +178,11 @@ class _Batch:
         return y + h * _mix(_B, k), h * fifth / np.maximum(bottom, 1e-300)
 
     def _resize(self, rows: Indices, h: Floats, error: Floats) -> None:
-        """Choose the next step's size, s, from this one's error over the tolerance; a step cut short by
-        a limit says little about growth. Raises EngineFailed where no step is short enough.
+        """Choose the next step's size, s, from this one's error; a step cut short by a limit says
+        little about growth.
+
+        rows: numbers of the oscillators, (rows,). h: length of the step just tried, s. error: of
+        it, over the tolerance. Raises EngineFailed where no step is short enough.
         """
         good = error <= 1.0
         # The error grows with h⁸: this factor makes it 0.9⁸ of the tolerance.
@@ -339,6 +342,7 @@ def _motion_of(
 
     times: s, shape (n,).
     states: shape (n, 4): position (m), velocity (m/s), energies lost and put in (J).
+    events: touches and partings, in the order of time.
     """
     q, v, lost, put_in = states.T
     half = system.gap / 2.0
@@ -455,11 +459,14 @@ def tangent(law: ForceLaw, depth: float) -> tuple[float, float]:
 
 
 def _solve(rising: Drive, wanted: float) -> float:
-    """Find x > 0, m, at which a rising function reaches a value, by bisection on a logarithmic
-    scale, from 1e-15 to 1e6 m; beyond, the nearer end.
+    """Find x > 0, m, at which a rising function reaches the value `wanted`, by bisection on a
+    logarithmic scale, from 1e-15 to 1e6 m; beyond, the nearer end.
     """
     low, high = 1e-15, 1e6
     for _ in range(60):
         middle = math.sqrt(low * high)
-        low, high = (middle, high) if rising(middle) < wanted else (low, middle)
+        if rising(middle) < wanted:
+            low = middle
+        else:
+            high = middle
     return math.sqrt(low * high)

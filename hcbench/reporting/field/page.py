@@ -18,7 +18,7 @@ from hcbench.cases.score import measured
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.reporting.explorer import digits
-from hcbench.reporting.field import cells, features
+from hcbench.reporting.field import cells
 from hcbench.reporting.field.cells import MatrixCell, case_table, rows
 from hcbench.reporting.field.view import PLUGIN, STOCK, Case, FieldView, band, headline, versions
 from hcbench.reporting.page import PAGE, Drawing, counted, csv_of, draw, render, script
@@ -172,7 +172,7 @@ def _panels(view: FieldView, engines: list[str]) -> tuple[Figure, list[tuple[str
 def _label(panels: list[tuple[str, Axes]], x: str, y: str) -> None:
     """Label the outer axes alone: y on the left, x on the lowest panel of each column.
 
-    panels: of `_panels`. x, y: the labels.
+    panels: engine and axes of each, in rows of _COLUMNS. x, y: the labels.
     """
     columns = min(_COLUMNS, len(panels))
     for i, (_, axes) in enumerate(panels):
@@ -259,7 +259,7 @@ def page_data(view: FieldView, made: Iterable[StepMatrix]) -> str:
 
 
 def _table(table: StepMatrix, numbers: dict[Case, int]) -> dict[str, Any]:
-    """A table as the script takes it.
+    """A table as the page's script takes it, by name.
 
     numbers: of the cases so far; new ones are added in place.
     """
@@ -401,16 +401,16 @@ def build(
     return folder / PAGE
 
 
-def _probes(view: FieldView) -> dict[Case, features.Probe | None]:
-    """Run the probe of each engine's usual setting, see `_usual_case`; an engine without one is
-    left out. None for a setting whose probe could not run.
+def _probes(view: FieldView) -> dict[Case, cells.Probe | None]:
+    """Run the probe of computing time of each engine's usual setting; an engine without one is left
+    out. None for a setting whose probe could not run.
     """
     probes = {}
-    scene = features.scene_of(view)
+    scene = cells.scene_of(view)
     for engine in view.engines:
         case = _usual_case(view, engine)
         if case is not None:
-            probes[case] = features.probe(setting_of(view, case), scene)
+            probes[case] = cells.probe(setting_of(view, case), scene)
     return probes
 
 
@@ -431,20 +431,23 @@ def _far_from_usual(step: float) -> float:
     return abs(math.log(step / _USUAL_STEP))
 
 
-def _costs(view: FieldView, probes: Mapping[Case, features.Probe | None]) -> str:
-    """The table of computing time as CSV, see `features.csv_of`, of the settings probed."""
+def _costs(view: FieldView, probes: Mapping[Case, cells.Probe | None]) -> str:
+    """The table of computing time as CSV, in µs a ball and step.
+
+    probes: by setting; None is left out.
+    """
     machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
     costs = []
     for case, of_case in probes.items():
         if of_case is not None:
             costs.append((view.title(case.engine), case.setting, case.timestep, of_case.cost))
-    return features.csv_of(costs, machine)
+    return cells.csv_of(costs, machine)
 
 
 def page_text(
     view: FieldView,
     figures: list[dict[str, Any]],
-    probes: dict[str, features.Probe | None],
+    probes: dict[str, cells.Probe | None],
     folder: Path | None = None,
 ) -> str:
     """The field page as HTML text. It opens with the strongest gravity and the step nearest to 1
@@ -470,8 +473,8 @@ def page_text(
         versions=versions(view),
         figures={figure["name"]: figure for figure in figures},
         cases=case_table(measured()),
-        features=features.features(view, probes),
-        feature_names=features.FEATURES,
+        features=cells.features(view, probes),
+        feature_names=cells.FEATURES,
         missing=list(view.study["missing"]),
         add_commands=add_commands,
         STOCK=STOCK,

@@ -77,7 +77,8 @@ class FieldView:
 
     def constant_error(self, timestep: float) -> float:
         """Error of the best constant e over the band of a step."""
-        return scoring.best_constant(self.alpha, self.speeds(timestep))[1]
+        _, error = scoring.best_constant(self.alpha, self.speeds(timestep))
+        return error
 
     @cached_property
     def scores(self) -> dict[Case, Mapping[str, Any]]:
@@ -92,7 +93,7 @@ class FieldView:
 
     @property
     def _of_main(self) -> list[tuple[Key, Folded]]:
-        """Keys and impacts of the α that the page is about."""
+        """(key of a run, its impacts as `Folded`) of the α that the page is about, of all runs."""
         place = RUN_KEY.index("alpha_s_per_m")
         of_main = []
         for key, one in self.results.table.folded.items():
@@ -174,8 +175,8 @@ class FieldView:
     def best(self, engine: str, gravity: float, timestep: float, *kinds: str) -> Case | None:
         """The setting nearest to the law that loses no impact and gains no energy; None for none.
 
-        One that bounces over the whole band is before any that stays down somewhere. Arguments are
-        those of `cases`.
+        engine: its name. gravity: m/s². timestep: s. kinds: of settings, such as PLUGIN; OWN
+        without any. One that bounces over the whole band is before any that stays down somewhere.
         """
         cases = [
             c for c in self.cases(engine, gravity, timestep, *kinds) if math.isfinite(self.error(c))
@@ -298,10 +299,11 @@ _WORDS = (
 
 
 def headline(view: FieldView, gravity: float, timestep: float) -> list[str]:
-    """Sentences that sort the engines at a step (s): those that follow the law by settings, by a
-    plug-in alone, or not. An engine that ran in several versions is named once.
+    """Sentences that sort the engines: those that follow the law by settings, by a plug-in alone,
+    or not.
 
-    gravity: m/s².
+    gravity: m/s². timestep: s, at which they ran. An engine that ran in several versions is named
+    once.
     """
     # With versions; all further lists have names without versions, each name once.
     ran = [engine for engine in view.engines if view.cases(engine, gravity, timestep, *OWN, PLUGIN)]

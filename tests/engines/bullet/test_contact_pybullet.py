@@ -637,6 +637,26 @@ def test_a_step_too_coarse_names_one_that_is_not_and_the_other_kind(
     assert "too coarse" in capfd.readouterr().err
 
 
+def test_the_lightest_link_of_a_fixed_robot_sets_the_step_of_a_force(world: World) -> None:
+    """By its base, which weighs nothing, the advice divided by 0 and left the law added."""
+    world.set(1e-3)
+    shape = bullet.createCollisionShape(
+        bullet.GEOM_SPHERE, radius=0.05, physicsClientId=world.client
+    )
+    arm = bullet.createMultiBody(
+        0.0, shape, basePosition=[0, 0, 0.5], linkMasses=[1.0], linkCollisionShapeIndices=[shape],
+        linkVisualShapeIndices=[-1], linkPositions=[[0, 0, -0.2]],
+        linkOrientations=[[0, 0, 0, 1]], linkInertialFramePositions=[[0, 0, 0]],
+        linkInertialFrameOrientations=[[0, 0, 0, 1]], linkParentIndices=[0],
+        linkJointTypes=[bullet.JOINT_PRISMATIC], linkJointAxis=[[0, 0, 1]],
+        physicsClientId=world.client,
+    )  # fmt: skip
+    plate = world.plate()
+    with pytest.raises(SettingError, match="too coarse"):
+        world.add(LAW, (arm, -2), plate)
+    world.add(ConstantRestitution(0.7), (arm, -2), plate)
+
+
 @pytest.mark.parametrize("substeps", [1, 4])
 @pytest.mark.parametrize("deep", [35e-6, 45e-6, 1e-3])
 def test_contact_erp_lifts_a_deep_overlap_slowly_and_is_as_it_was_after_the_step(

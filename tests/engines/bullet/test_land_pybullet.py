@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bullet_hopper import FLOOR, ROBOT
 
 import hcbench as hb
 from hcbench.cli import run
@@ -18,23 +19,6 @@ BulletClient = pytest.importorskip("pybullet_utils.bullet_client").BulletClient
 pytestmark = pytest.mark.skipif(not process.CAN_FORK, reason="needs a system that forks")
 
 G = 9.81
-INERTIA = '<inertia ixx="{i}" ixy="0" ixz="0" iyy="{i}" iyz="0" izz="{i}"/>'
-ROBOT = (
-    '<robot name="hopper"><link name="trunk"><inertial><mass value="2"/>'
-    + INERTIA.format(i=0.01)
-    + '</inertial><collision><geometry><box size=".2 .2 .1"/></geometry></collision></link>'
-    '<link name="foot"><inertial><mass value=".5"/>'
-    + INERTIA.format(i=0.001)
-    + '</inertial><collision><geometry><box size=".2 .2 .04"/></geometry></collision></link>'
-    '<joint name="leg" type="prismatic"><parent link="trunk"/><child link="foot"/>'
-    '<origin xyz="0 0 -.2"/><axis xyz="0 0 1"/><limit lower="-.1" upper=".1" effort="400" velocity="9"/>'
-    "</joint></robot>"
-)
-FLOOR = (
-    '<robot name="floor"><link name="base"><inertial><mass value="0"/>'
-    + INERTIA.format(i=0)
-    + '</inertial><collision><geometry><box size="9 9 1"/></geometry></collision></link></robot>'
-)
 
 
 @pytest.fixture
@@ -85,6 +69,14 @@ def test_a_landing_is_that_of_a_plain_loop(files: list[str]) -> None:
         assert drop.feet[0].part == "foot"
         assert 0.0 < drop.penetration < 0.05
     assert landings.drops[1].peak > landings.drops[0].peak
+
+
+def test_a_landing_has_the_drops_that_touch_later_in_a_step(files: list[str]) -> None:
+    drop = hb.land(files, heights=0.05, gravity=G).drops[0]
+    more = 0.5 / 240.0 * (2.0 * G * 0.05) ** 0.5
+    same = hb.land(files, heights=0.05 + more, gravity=G).drops[0]
+    assert drop.others[1].peak == pytest.approx(same.peak, rel=1e-6)
+    assert drop.over_phases("peak")[1] > drop.over_phases("peak")[0]
 
 
 def test_gains_a_function_and_the_worlds_motors_hold_the_joints(files: list[str]) -> None:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from hcbench.engines.pybullet.recipes import Contacts, FittedImpacts, fit_contacts
 from hcbench.engines.pybullet.scene.options import read_options
-from hcbench.engines.pybullet.staggered_fit import Contacts, FittedImpacts, fit_contacts
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.constant import minimax_constant

@@ -7,8 +7,8 @@ from typing import Any
 import mujoco
 import pytest
 
-from hcbench.engines.mujoco.model import compiled_loop
-from hcbench.engines.mujoco.model.compiled_loop import CompiledFlight, flights_of
+from hcbench.engines.mujoco.model import simulation
+from hcbench.engines.mujoco.model.simulation import CompiledFlight, flights_of
 from hcbench.engines.mujoco.model.under_test import MujocoModel
 from hcbench.measuring.request import make_request
 from hcbench.sim import simulate
@@ -85,7 +85,7 @@ def test_bits_are_those_of_the_loop_in_python(name: str, monkeypatch: pytest.Mon
     in_c.least_steps = in_python.least_steps = 8  # several calls a launch
     assert isinstance(flights_of(in_c, in_c.request.launches())[0], CompiledFlight)
     found = results(in_c)
-    monkeypatch.setattr(compiled_loop, "_library", lambda: None)
+    monkeypatch.setattr(simulation, "_library", lambda: None)
     assert found == results(in_python)
     if "resets" in name:
         assert "diverged" in found[0]
@@ -99,13 +99,13 @@ def test_without_a_compiler_the_loop_in_python_steps(monkeypatch: pytest.MonkeyP
     def missing(*_: Any) -> None:
         raise NotCompiled("no C compiler found")
 
-    monkeypatch.setattr(compiled_loop, "build", missing)
-    compiled_loop._library.cache_clear()
+    monkeypatch.setattr(simulation, "build", missing)
+    simulation._library.cache_clear()
     model = opened(mjcf("a ball"))
     try:
         assert type(flights_of(model, model.request.launches())[0]).__name__ == "MujocoFlight"
     finally:
-        compiled_loop._library.cache_clear()
+        simulation._library.cache_clear()
 
 
 @pytest.mark.parametrize("option", ['integrator="RK4"', ""])

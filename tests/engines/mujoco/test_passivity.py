@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from hcbench.engines.mujoco.passivity import judge
-from hcbench.engines.mujoco.passivity.in_rows import bounces_in_rows
-from hcbench.engines.mujoco.passivity.judge import screened
+from hcbench.engines.mujoco.passivity.judge import bounces_in_rows, screened
 from hcbench.engines.mujoco.passivity.plain import certify
 from hcbench.engines.mujoco.scene.mjcf import read_options
 from hcbench.laws.force import HuntCrossley

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 from contact_scenes import BALL, RADIUS, add_body, add_equality, chain, plugged, rise, world
+from random_scenes import Made, simulate
 
 from hcbench.contact.mujoco import ConstantRestitution, Restitution
 
@@ -46,6 +47,49 @@ def test_bodies_that_are_held_together_bounce_together(kind: str, integrator: st
     e, rate = _bounced(spec, np.tile([0.1, 0, -0.3, 0, 0, 0], 2))
     assert e == pytest.approx(0.8, abs=2e-4)
     assert rate < 2e-4
+
+
+SLINGSHOT = """
+<mujoco>
+  <option timestep=".005" integrator="{integrator}"><flag energy="enable"/></option>
+  <worldbody>
+    <geom name="floor" type="plane" size="5 5 1"/>
+    <body name="a" pos="0 0 .3">
+      <joint type="slide" axis="0 0 1" stiffness="200" springref="{at}"/>
+      <geom name="a" type="sphere" size=".05" mass="1"/>
+    </body>
+  </worldbody>
+</mujoco>"""
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
+@pytest.mark.parametrize("at", [-0.4, 0.1])
+def test_an_elastic_ball_on_a_spring_keeps_its_energy(at: float, integrator: str) -> None:
+    """A spring that presses the ball into the floor, or draws it off: an impact that knew of
+    gravity alone would gain 5 % at this step.
+    """
+    spec = mujoco.MjSpec.from_string(SLINGSHOT.format(at=at, integrator=integrator))
+    native = spec.compile()
+    made = Made(plugged(spec, [("a", "floor")], ELASTIC), native, np.full(1, -8.0), False)
+    seen = simulate(made, 2.0)
+    assert seen.depth > 1e-3
+    assert seen.gain < 1e-9
+
+
+def test_a_servo_without_damping_that_draws_an_elastic_ball_off_gains_what_the_page_says() -> None:
+    """Impacts know of springs, not of servos, which act after them within the step."""
+    servo = """<actuator><general joint="j" gainprm="20" biastype="affine" biasprm="0 -200 0"/>
+      </actuator></mujoco>"""
+    text = SLINGSHOT.format(at=0.1, integrator="Euler").replace(
+        'timestep=".005"', 'timestep=".002"'
+    )
+    text = text.replace('stiffness="200"', 'name="j"').replace("</mujoco>", servo)
+    spec = mujoco.MjSpec.from_string(text)
+    native, start = spec.compile(), np.full(1, -8.0)
+    native.actuator_gainprm[0, 0] /= 0.3  # the control of simulate
+    model = plugged(spec, [("a", "floor")], ELASTIC)
+    model.actuator_gainprm[0, 0] /= 0.3
+    assert 0.15 < simulate(Made(model, native, start, False), 2.0).gain < 0.25
 
 
 def test_a_geared_slide_bounces_with_the_mass_of_both() -> None:

@@ -104,6 +104,25 @@ def test_an_ant_that_hops_travels_on_springy_native_contact_as_well() -> None:
         assert 50.0 < max(hops) < 150.0 < farthest
 
 
+def forward_of_doggo(step: float, friction: float) -> float:
+    """Way ahead of a doggo with e = 0.9 after a flat drop from 10 cm, mm."""
+    doggo = next(robot for robot in ROBOTS if robot.name == "safety_gymnasium doggo")
+    model = compiled(doggo, ConstantRestitution(0.9), step)
+    model.geom_friction[:, 0] = friction
+    data = released(model, Drop(height=0.1, phase=0.0, tilt=0.0))
+    start = float(data.subtree_com[0, 0])
+    mujoco.mj_step(model, data, nstep=round(4.0 / step))
+    mujoco.mj_comPos(model, data)
+    return 1e3 * (float(data.subtree_com[0, 0]) - start)
+
+
+@outside
+def test_a_doggo_is_thrown_forward_by_its_shins_which_slope_the_same_way() -> None:
+    """At any step. Without friction its feet cannot push it: Euler's steps alone move it."""
+    assert all(80.0 < forward_of_doggo(step, 1.0) < 95.0 for step in (2.5e-3, 0.5e-3))
+    assert abs(forward_of_doggo(0.5e-3, 0.0)) < 5.0
+
+
 def test_the_readmes_quadruped_lands_as_the_page_says() -> None:
     require_what_the_page_says(Landings.of(QUADRUPED, LAWS, phases=1, seconds=2.0), QUADRUPED.name)
 

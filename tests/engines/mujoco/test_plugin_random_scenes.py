@@ -8,6 +8,7 @@ short one holds what the page says.
 from __future__ import annotations
 
 import os
+import re
 
 import mujoco
 import numpy as np
@@ -15,9 +16,11 @@ import pytest
 from covering import fewest
 from gain_tables import Gains, on_the_page
 from random_scenes import (
+    DEEPER,
     FACTORS,
     allowed,
     classes,
+    deeper,
     design,
     energy,
     make,
@@ -47,11 +50,45 @@ def test_contact_gains_no_more_than_the_page_says_of_each_class() -> None:
         found.gain[i], found.named[i] = seen.gain, seen.named
         if LONG or not np.isfinite(seen.gain):
             native = simulate(made, SECONDS, native=True)
-            found.deeper[i] = max(0.0, seen.depth - native.depth)
+            found.deeper[i] = deeper(made, seen, native)
+            assert seen.named or seen.names_depth or not found.deeper[i] > DEEPER, i
             found.diverged[i] = np.isfinite(native.depth) and not np.isfinite(seen.gain)
     if LONG:
         found.write(TABLE, classes(rows))
     found.require_no_more_than(TABLE, classes(rows))
+
+
+@pytest.mark.parametrize("seed", [238, 1055])
+def test_what_bounces_comes_faster_and_goes_no_deeper_than_on_native_contact_at_that_speed(
+    seed: int,
+) -> None:
+    """With e = 1 a body is thrown down by another that it meets on its way up; native contact lets
+    neither bounce.
+    """
+    made = make(design(2000)[seed], seed)
+    seen, native = simulate(made, SECONDS), simulate(made, SECONDS, native=True)
+    assert seen.depth > native.depth + DEEPER
+    assert deeper(made, seen, native) < 1e-6
+
+
+@pytest.mark.parametrize(("seed", "depth"), [(186, 171), (367, 74), (1191, 76)])
+def test_a_body_that_starts_inside_another_is_named_as_the_law_does_not_lift_it(
+    seed: int, depth: int
+) -> None:
+    made = make(design(2000)[seed], seed)
+    warned: list[str] = []
+    mujoco.set_mju_user_warning(warned.append)
+    try:
+        data = mujoco.MjData(made.model)
+        data.qvel[:] = made.start
+        for _ in range(2):
+            mujoco.mj_step(made.model, data)
+    finally:
+        mujoco.set_mju_user_warning(None)
+    (said,) = (one for one in warned if "inside" in one)
+    seen = re.search(r'body "b0" starts ([\d.]+) mm inside body "world"', said)
+    assert seen
+    assert float(seen[1]) == pytest.approx(depth, abs=1)
 
 
 @pytest.mark.parametrize("seed", [169, 624, 819, 1386, 1403, 1802, 1993])

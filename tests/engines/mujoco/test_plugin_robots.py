@@ -320,12 +320,14 @@ def test_newton_needs_about_two_iterations_while_a_robot_settles(
     assert iterations(settling, 0.1, 1000).mean() < 2.5
 
 
-def test_pgs_keeps_the_forces_of_native_contacts_that_it_starts_from() -> None:
+@pytest.mark.parametrize("cone", ["PYRAMIDAL", "ELLIPTIC"])
+def test_pgs_keeps_the_forces_of_native_contacts_that_it_starts_from(cone: str) -> None:
     """A stack on native contact beside a box on the plug-in's takes no
     more than without the plug-in.
     """
     require_plugins_in_specs()
     spec = mujoco.MjSpec.from_string(STACK_AND_BOX)
+    spec.option.cone = getattr(mujoco.mjtCone, f"mjCONE_{cone}")
     native = iterations(spec.compile(), 0.0, 400)[200:].mean()
     add_to_spec(spec, ConstantRestitution(0.5), geoms=("box", "floor"))
     assert iterations(spec.compile(), 0.0, 400)[200:].mean() < 2 * native
@@ -397,13 +399,16 @@ def steps_under_pgs(model: Any, data: Any, count: int) -> int:
     return iterations
 
 
-def test_pgs_starts_from_the_forces_of_the_last_step() -> None:
-    """A quadruped that stands takes fewer of its iterations than on native
+@pytest.mark.parametrize(
+    ("name", "cone"), [("quadruped", "PYRAMIDAL"), ("quadruped", "ELLIPTIC"), ("biped", "ELLIPTIC")]
+)
+def test_pgs_starts_from_the_forces_of_the_last_step(name: str, cone: str) -> None:
+    """A robot that stands takes fewer of its iterations than on native
     contact, a copy of it the same steps, and mj_forward changes none.
     """
-    taken = {}
+    taken, options = {}, {"cone": getattr(mujoco.mjtCone, f"mjCONE_{cone}")}
     for law in (None, ConstantRestitution(0.6)):
-        model = robot("quadruped", law, solver=mujoco.mjtSolver.mjSOL_PGS)
+        model = robot(name, law, solver=mujoco.mjtSolver.mjSOL_PGS, **options)
         data = mujoco.MjData(model)
         mujoco.mj_step(model, data, nstep=1000)
         taken[law is None] = steps_under_pgs(model, data, 100)

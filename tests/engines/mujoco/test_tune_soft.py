@@ -9,7 +9,7 @@ import pytest
 from long_searches import long_search
 from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, pasted, simulated
 
-from hcbench.engines.mujoco.recipes.soft import SOFT, largest_power
+from hcbench.engines.mujoco.recipes.one_row import SOFT, largest_power
 from hcbench.engines.mujoco.scene.rows import impedance
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.constant import minimax_constant

@@ -193,7 +193,7 @@ def _baseline(folder: Path) -> bytes:
 
 
 def _results() -> bytes:
-    from hcbench.cases.run import run_engines
+    from hcbench.cases.score import run_engines
 
     return json.dumps(run_engines(["mujoco"], only=[_CASE])).encode()
 

@@ -86,8 +86,8 @@ def masks_match(model: Any, geom1: int, geom2: int) -> bool:
 def collision_filter(model: Any, geom1: int, geom2: int) -> CollisionFilter:
     """Name the filter of MuJoCo that keeps two geoms apart, "" if they may collide.
 
-    "exclude": an <exclude>. "masks": contype and conaffinity. "welded", "parent": their bodies are
-    one rigid body, or parent and child.
+    geom1, geom2: their numbers. "exclude": an <exclude>. "masks": contype and conaffinity.
+    "welded", "parent": their bodies are one rigid body, or parent and child.
     """
     body1, body2 = sorted((int(model.geom_bodyid[geom1]), int(model.geom_bodyid[geom2])))
     weld1 = int(model.body_weldid[body1])

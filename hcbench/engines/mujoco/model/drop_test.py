@@ -14,12 +14,12 @@ from hcbench.engines.mujoco.backend import (
     forget_resets,
     require_feature,
 )
-from hcbench.engines.mujoco.model.controllers import hold_pose
 from hcbench.engines.mujoco.model.open import as_requested
 from hcbench.engines.mujoco.model.over_floor import (
     OverFloor,
     falling_joint,
     falling_root,
+    hold_pose,
     robot_in,
     turn_base,
 )
@@ -129,7 +129,15 @@ class _DropMotion:
 
 @dataclass(frozen=True, slots=True)
 class _Settling:
-    """The end of a drop, see `Landed`; NaN and false for a drop that is too short to settle."""
+    """The end of a drop; NaN and false for a drop that is too short to settle.
+
+    rest: time from the touch until it lies still, s, infinite if it does not. sink: of the deepest
+    point into the floor, m. travel: along the floor since the touch, m.
+    creep: mean speed along the floor in the end, m/s. vibration: rms of the centre's velocity about
+    its mean there, m/s. late: number of flights that begin after LATE_S.
+    sag: lowering of the centre since the touch that is not sink, m. fell: whether the robot fell
+    over.
+    """
 
     rest: float = math.nan
     sink: float = math.nan
@@ -161,6 +169,11 @@ class DropBench:
     ) -> None:
         """Add sensors to the model, let constant controls hold its pose, and find where each drop
         begins.
+
+        spec: of the whole model, copied. label: what to call it. requests: of pairs of the robot
+        with the floor; the first has the pose, step and gravity. root_of: finds the root body of
+        what is dropped; None: that of a robot with actuators. Raises UserError for what cannot be
+        dropped, EngineMissing for a MuJoCo without contact sensors.
         """
         require_feature(backend(), "contact sensors")
         request = requests[0]
@@ -257,7 +270,12 @@ class DropBench:
         return max(float(up @ centre) - lowest, 1e-3)
 
     def _landed(self, drop: RobotDrop, seconds: float) -> Landed | None:
-        """Simulate and read one drop; None where it diverges, or never touches the floor."""
+        """Simulate and read one drop, `seconds` long; None where it diverges, or never touches the
+        floor.
+
+        drop: one of those whose release is known. The result is of `_judged`. MuJoCo's fatal errors
+        pass.
+        """
         mujoco = backend()
         steps = round(seconds / self.timestep)
         forget_resets(self._data)
@@ -331,7 +349,12 @@ class DropBench:
         )
 
     def _settling(self, motion: _DropMotion) -> _Settling:
-        """The end of a drop: how the robot came to rest, and lies in the last TAIL_S seconds."""
+        """The end of a drop: how the robot came to rest after the touch, and lies in the last
+        TAIL_S seconds.
+
+        motion: a row for the start of each step, SI. Unknown, with NaN, for a drop that ends before
+        LATE_S + TAIL_S. `_height_at_touch` is that of its centre over its lowest point, m.
+        """
         h = self.timestep
         count = len(motion.height)
         touch = motion.touch
@@ -501,7 +524,8 @@ def _add_contact_sensor(
 ) -> None:
     """Add a sensor of all contacts of a base's tree with one body that stands still.
 
-    base, floor: names of the two bodies. read: _NET_FORCE or _LEAST_DISTANCE.
+    spec: changed. name: of the sensor. base, floor: names of the two bodies. read: _NET_FORCE or
+    _LEAST_DISTANCE.
     """
     objects = backend().mjtObj
     sensor = spec.add_sensor(
@@ -520,6 +544,7 @@ def _flights(pushes: NDArray[np.bool_], touch: int, timestep: float) -> list[tup
     """(first step, step after the last) of each flight after the touch that is longer than chatter.
 
     pushes: of each step, whether the floor pushes, (n,). touch: number of the first that does.
+    timestep: s.
     """
     off = ~pushes
     off[:touch] = False

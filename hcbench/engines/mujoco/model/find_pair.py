@@ -138,7 +138,7 @@ def only_pair(model: Any) -> tuple[str, str] | None:
 
 
 def _translations(model: Any, body: int) -> tuple[int, ...]:
-    """Numbers of the degrees of freedom of the body's own free or slide joints that translate.
+    """Degrees of freedom of the body's own free or slide joints that translate, by number.
 
     Three of a free joint, one of each slide; () for a body on hinges and balls alone.
     """
@@ -407,7 +407,8 @@ def find_pair(model: Any, request: Request, state: Any = None) -> ContactPair:
     """The pair of a request; without names, the only body that moves and the only thing it can
     meet.
 
-    Raises UserError for names that mean no pair, and with a list where there is a choice.
+    state: MjData to start from where there is a choice to list, or None. Raises UserError for names
+    that mean no pair, and with a list where there is a choice.
     """
     names = request.pair or only_pair(model)
     if names is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -18,25 +19,26 @@ from hcbench.engines.mujoco.backend import (
     resets,
 )
 from hcbench.engines.mujoco.model.bodies import body_name, geom_name, volumes
-from hcbench.engines.mujoco.model.controllers import Drive, drive_of
 from hcbench.engines.mujoco.model.find_pair import contact_in_force, named_pair
 from hcbench.engines.mujoco.model.open import copy_state
-from hcbench.engines.mujoco.model.over_floor import OverFloor, turn_base
+from hcbench.engines.mujoco.model.over_floor import Drive, OverFloor, drive_of, turn_base
 from hcbench.engines.mujoco.model.pair import WithoutContact, restitution_law
 from hcbench.engines.mujoco.model.promises import broken_promise, promise_in
 from hcbench.engines.mujoco.model.start_pose import require_quaternions, start_pose
 from hcbench.sim.density import unit_notes
 from hcbench.sim.landing import (
-    PARTED_S,
     WINDOW_S,
     DropPlan,
     FootfallLog,
     Landing,
     Landings,
     latest_touch,
+    over_phases,
+    raised_for,
     take_off_speed,
 )
 from hcbench.sim.model_under_test import Request
+from hcbench.sim.motion import Motion, NewTouches
 from hcbench.sim.touch import Touchdowns, TrajectoryTouchdowns
 from hcbench.system.errors import EngineFailed, UserError
 from hcbench.terms.impact import Floats
@@ -54,7 +56,10 @@ def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) 
         bench = _Bench(model, start)
         robot = bench.over_floor
         drive, controller = drive_of(drops.controller, model, start, robot.root)
-        landings = [bench.landing(h, tilt, drive) for h in drops.heights for tilt in drops.tilts]
+        landings = []
+        for height, tilt in itertools.product(drops.heights, drops.tilts):
+            landing_at = functools.partial(bench.landing, height, tilt, drive)
+            landings.append(over_phases(landing_at))
     return Landings(
         engine="mujoco",
         version=backend().__version__,
@@ -159,7 +164,11 @@ class _Bench:
     """
 
     def __init__(self, model: Any, start: Any) -> None:
-        """Find the robot and what it can land on. Raises UserError as `_heaviest_base` does."""
+        """Find the robot and what it can land on.
+
+        start: MjData of the pose to drop it in. Raises UserError for a model without a free joint,
+        or without gravity.
+        """
         self.model = model
         self.start = start
         self.timestep = float(model.opt.timestep)
@@ -182,11 +191,12 @@ class _Bench:
         pairs = itertools.product(geoms, floors)
         return {pair for pair in pairs if restitution_law(self.model, pair) is not None}
 
-    def landing(self, height: float, tilt: float, drive: Drive) -> Landing:
+    def landing(self, height: float, tilt: float, drive: Drive, phase: float) -> Landing:
         """Drop the robot once, and read how it lands.
 
         height: of its lowest point over the floor, m. tilt: by which its base is turned about the
-        world's y, rad. drive: sets the controls before each step.
+        world's y, rad. drive: sets the controls before each step. phase: place of the touch in a
+        step.
         Raises UserError where nothing is below the robot, or it meets nothing; EngineFailed where
         MuJoCo finds the state unstable.
         """
@@ -195,7 +205,8 @@ class _Bench:
         turn_base(data, self._address, turn)
         up = self.over_floor.up
         to_touch = self.over_floor.way_up(data, self._address, up)
-        data.qpos[self._address : self._address + 3] += up * (height + to_touch)
+        more = raised_for(phase, height, self.over_floor.gravity, self.timestep)
+        data.qpos[self._address : self._address + 3] += up * (height + to_touch + more)
         backend().mj_forward(self.model, data)
         forget_resets(data)
         fall = self._fall(data, height, drive)
@@ -219,7 +230,9 @@ class _Bench:
     def _fall(self, data: Any, height: float, drive: Drive) -> _Fall:
         """Simulate a drop until WINDOW_S (s) after the first touch.
 
-        data: MjData at release, moved on. height, drive, errors: of `landing`.
+        data: MjData at release, moved on. height: of the lowest point over the floor at release, m.
+        drive: sets the controls before each step. Raises UserError where the robot meets nothing;
+        EngineFailed where MuJoCo finds the state unstable.
         """
         robot = self.over_floor
         jacobian = np.zeros((3, self.model.nv))
@@ -407,8 +420,6 @@ _Geoms = tuple[int, int]
 _Parts = tuple[int, int]
 # The plug-in's law holds at any speed.
 _ANY_SPEED = (0.0, float("inf"))
-# A gap between two states may hide a contact: parts touch anew only after more than this many.
-_STATES_APART = 1.5
 
 
 class _Touchdown(NamedTuple):
@@ -424,23 +435,24 @@ def touchdowns(
 ) -> TrajectoryTouchdowns:
     """Every touchdown of a part that moves on one that does not, or of the request's pair.
 
-    recorded: qpos (n, nq), qvel (n, nv), and time (n,), s, where it is known.
+    model: MjModel. label: what to call it. recorded: qpos (n, nq), qvel (n, nv), and time (n,), s,
+    where it is known.
     Raises UserError for other shapes, for states that cannot be, and for a pair that the model does
     not have.
     """
-    qpos, qvel, time = _states(model, recorded)
+    motion = Motion.read(recorded, model.nq, model.nv, float(model.opt.timestep))
+    require_quaternions(model, motion.qpos, "trajectory")
     kept = None
     if request.pair is not None:
         pair = named_pair(model, request.pair)
         every = itertools.product(pair.first.geoms, pair.second.geoms)
         kept = {_ascending(geoms) for geoms in every}
     with captured_warnings():
-        events = _events(model, qpos, qvel, time, kept)
+        events = _events(model, motion, kept)
     feet = [_foot(model, geoms, of_parts) for geoms, of_parts in events.items()]
     feet.sort(key=lambda foot: (-len(foot.time), foot.part))
-    interval = float(np.median(np.diff(time)))
     return TrajectoryTouchdowns(
-        "mujoco", backend().__version__, label, len(qpos), interval, tuple(feet)
+        "mujoco", backend().__version__, label, len(motion.qpos), motion.interval, tuple(feet)
     )
 
 
@@ -449,58 +461,21 @@ def _ascending(geoms: _Geoms) -> _Geoms:
     return (first, second) if first <= second else (second, first)
 
 
-def _states(model: Any, recorded: Mapping[str, Floats]) -> tuple[Floats, Floats, Floats]:
-    """qpos (n, nq), qvel (n, nv) and time (n,), s, of a recording; without a
-    time, steps of the model's own.
-
-    Raises UserError for other shapes, times that do not rise, numbers that are not finite, and
-    quaternions of length 0.
-    """
-    arrays = []
-    for name, width in (("qpos", model.nq), ("qvel", model.nv)):
-        if (array := recorded.get(name)) is None:
-            raise UserError(
-                "trajectory", f"no {name!r} in it", "qpos and qvel of each state, and time"
-            )
-        if array.ndim != 2 or array.shape[1] != width or len(array) < 2:
-            shape = " x ".join(map(str, array.shape))
-            raise UserError(
-                "trajectory",
-                f"{name}: {shape} numbers",
-                f"n x {width}, for this model, with n of 2 or more",
-            )
-        arrays.append(array)
-    qpos, qvel = arrays
-    steps: Floats = float(model.opt.timestep) * np.arange(len(qpos), dtype=np.float64)
-    time = recorded.get("time", steps).reshape(-1)
-    if not len(qpos) == len(qvel) == len(time):
-        got = f"{len(qpos)} states in qpos, {len(qvel)} in qvel and {len(time)} in time"
-        raise UserError("trajectory", got, "as many in each")
-    for name, array in (("qpos", qpos), ("qvel", qvel), ("time", time)):
-        if not np.isfinite(array).all():
-            raise UserError("trajectory", f"{name}: numbers that are not finite", "finite numbers")
-    if not (np.diff(time) > 0).all():
-        raise UserError("trajectory", "time does not rise", "a later time for each state")
-    require_quaternions(model, qpos, "trajectory")
-    return qpos, qvel, time
-
-
-def _events(
-    model: Any, qpos: Floats, qvel: Floats, time: Floats, kept: set[_Geoms] | None
-) -> dict[_Geoms, list[_Touchdown]]:
+def _events(model: Any, motion: Motion, kept: set[_Geoms] | None) -> dict[_Geoms, list[_Touchdown]]:
     """Touchdowns of every two rigid parts, in the order of time, by the first two of their geoms
     that touched.
 
-    qpos (n, nq), qvel (n, nv), time (n,): of a recording, SI. kept: as in `_moving_first`.
-    The speeds are those of the state before, or of the first in contact, the faster of the two: a
-    contact slows, and free flight may speed up, within the time between two states. Parts that
-    touch in the first state have not come down.
+    kept: two and two geoms whose contacts count, the smaller number first; None: those of a part
+    that moves with one that does not. The speeds are those of the state before, or of the first in
+    contact, the faster of the two: a contact slows, and free flight may speed up, within the time
+    between two states. Parts that touch in the first state have not come down.
     """
+    qpos, qvel, time = motion.qpos, motion.qvel, motion.time
     now = backend().MjData(model)
     before = backend().MjData(model)
     events: dict[_Parts, list[_Touchdown]] = {}
     first_geoms: dict[_Parts, _Geoms] = {}
-    last_seen: dict[_Parts, float] = {}
+    touches = NewTouches(time)
     for i in range(len(qpos)):
         _put(model, now, qpos[i], qvel[i])
         # The contact of each two parts that were apart until now, by its place in `now.contact`.
@@ -511,12 +486,8 @@ def _events(
             one, two = model.body_weldid[model.geom_bodyid[list(geoms)]].tolist()
             parts = (one, two)
             first_geoms.setdefault(parts, geoms)
-            if i:
-                apart = time[i] - last_seen.get(parts, -np.inf)
-                # One state without contact may be a gap between two recorded states only.
-                if apart > max(PARTED_S, _STATES_APART * (time[i] - time[i - 1])):
-                    begun[parts] = contact
-            last_seen[parts] = float(time[i])
+            if touches.begins(parts, i):
+                begun[parts] = contact
         if begun:
             _put(model, before, qpos[i - 1], qvel[i - 1])
         for parts, contact in begun.items():
@@ -582,9 +553,9 @@ def _closing_speeds(
 
 
 def _foot(model: Any, geoms: _Geoms, events: Sequence[_Touchdown]) -> Touchdowns:
-    """Touchdowns of two parts, one or more, with the band of speeds that their setting holds in.
+    """Touchdowns of two parts, with the band of speeds that their setting holds in.
 
-    geoms: the first two that touched, one of each part.
+    geoms: the first two that touched, one of each part. events: one or more, in the order of time.
     """
     promise = promise_in(model, geoms)
     band = None

@@ -15,7 +15,7 @@ enum { CONTACT, OTHERS, LIMITS, EQUALITIES, FRICTION, ACTUATORS, PASSIVE, WEIGHT
 // Numbers that `advance` returns in place of a count of steps.
 enum { FATAL_ERROR = -1, NO_MEMORY = -2 };
 
-// The two parts that meet; the fields of compiled_loop.py's _Pair.
+// The two parts that meet; the fields of simulation.py's _Pair.
 typedef struct {
   // Of each geom: 1 for the first part's, 2 for the second's, else 0.
   const int8_t* sides;
@@ -37,7 +37,7 @@ typedef struct {
   double reach;
 } Pair;
 
-// One launch under way; the fields of compiled_loop.py's _Launch.
+// One launch under way; the fields of simulation.py's _Launch.
 typedef struct {
   // Of the last contact: the mean of its points, and the normal from the first part.
   double point[3];

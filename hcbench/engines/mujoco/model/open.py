@@ -67,7 +67,12 @@ class OpenedModel(ModelUnderTest):
     least_steps = 32
 
     def __init__(self, model: Any, label: str, state: Any, request: Request) -> None:
-        """Bring the pair of the request to touch; errors are those of the class."""
+        """Bring the pair of the request to touch.
+
+        model: an MjModel, which this object may change. label: its name in outputs. state: an
+        MjData to start from, or None. Raises UserError and its kinds where the pair cannot be
+        measured.
+        """
         require_feature(backend(), "mj_copyData")
         self.model = model
         self.label = label
@@ -170,10 +175,10 @@ _BINARY_ROOM = 1 << 28
 
 
 def live_state(source: Any) -> tuple[Any, Any] | None:
-    """(MjModel, MjData) of an MjData, a gymnasium, dm_control or
-    robosuite environment; None for others.
+    """(MjModel, MjData) of a user's state in Python; None for anything else.
 
-    The two are the user's own objects, not copies.
+    source: an MjData, a gymnasium, dm_control or robosuite environment, or any object. The two are
+    the user's own objects, not copies.
     """
     if not hasattr(source, "__dict__") and type(source).__name__ != "MjData":
         return None
@@ -316,7 +321,8 @@ def _from_binary(mujoco: Any, path: Path) -> Any:
 def _unzipped(mujoco: Any, path: Path) -> Any:
     """The model of an archive that `MjSpec.to_zip` wrote: its .xml, with the files that it names.
 
-    Raises ValueError for an archive that cannot be read.
+    mujoco: the module. Raises ValueError for an archive that cannot be read, and what compiling
+    raises.
     """
     try:
         content = read_bytes(path)
@@ -339,8 +345,8 @@ def _keep_folders(urdf: str) -> str:
 def _compiled(compile_model: Callable[[], Any], label: str) -> Any:
     """The model that a function compiles, with hcbench's plug-ins loaded where it names them.
 
-    label: what to call the model in errors.
-
+    compile_model: called without arguments, a second time once the plug-ins are loaded. label: what
+    to call the model in errors.
     Raises SceneError with MuJoCo's words, EngineFailed where there is too little memory.
     """
     try:

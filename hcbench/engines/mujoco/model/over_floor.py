@@ -1,11 +1,16 @@
-"""A robot over the parts of the world that it can land on: which one falls, by which joint, and how
-far it is above them.
+"""A robot over the parts of the world that it can land on: which one falls, by which joint, how far
+it is above them, and what drives its joints while it lands.
 """
 
 from __future__ import annotations
 
 import copy
-from typing import TYPE_CHECKING, Any
+import inspect
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -13,6 +18,9 @@ from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import body_name
 from hcbench.engines.mujoco.model.find_pair import named_pair, only_pair
 from hcbench.system.errors import UserError
+from hcbench.terms import units
+from hcbench.terms.impact import Floats
+from hcbench.terms.options import Controller
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -21,6 +29,7 @@ if TYPE_CHECKING:
 
     from hcbench.sim.model_under_test import Request
     from hcbench.terms.impact import Floats
+
 
 # Cosine of the angle to gravity below which a slide does not carry a base down.
 _VERTICAL = 0.9
@@ -111,7 +120,7 @@ def _way_up(is_touching_at: Callable[[float], bool], robot: str) -> float:
     else:
         raise UserError(
             "model",
-            f"{robot!r} has nothing below to land on",
+            f"{robot!r} has nothing below to land on, down to {_FARTHEST:g} m",
             "a floor",
             'Add a floor: <geom type="plane" size="0 0 1"/> in the worldbody',
         )
@@ -145,8 +154,9 @@ def turn_base(data: Any, address: int, turn: Floats) -> None:
 def robot_in(model: Any, requests: Sequence[Request]) -> int:
     """Number of the root body of the robot of which each pair has one part.
 
-    model: compiled. requests: of the pairs; without names, the only pair that the model has.
-    Raises UserError where the robot has no actuators, and what `falling_root` raises.
+    model: compiled. requests: of the pairs; without names, the only pair that the model has. Raises
+    UserError where the robot has no actuators or cannot fall, where a pair is missing or unknown,
+    and where both or none of its parts move.
     """
     root = falling_root(model, requests)
     if not _is_driven(model, root):
@@ -217,3 +227,260 @@ def falling_joint(model: Any, root: int, up: Floats) -> tuple[int, Floats]:
     name = str(model.body(root).name)
     got = f"the base {name!r} cannot fall"
     raise UserError("pair", got, "a robot whose base has a free joint or a vertical slide")
+
+
+# Controllers of a robot's joints while it lands: PD at its pose, the pose's own controls, or a
+# function.
+
+# Function that sets the controls of an MjData.
+Drive = Callable[[Any], None]
+
+# kd over kp, s.
+_SHARE = 0.05
+# An explicit PD with more than these shares of I/h² and I/h is not stable at the step h.
+_MOST_KP = 0.1
+_MOST_KD = 0.3
+
+
+def drive_of(controller: Controller, model: Any, start: Any, root: int) -> tuple[Drive, str]:
+    """(what sets the controls before each step, what to call it).
+
+    start: MjData of the pose to hold.
+    root: the robot's base body.
+
+    controller: "pd", "pd:KP,KD", "ctrl", or a function of (MjModel, MjData).
+
+    Raises UserError for another one, for gains other than numbers from 0 up, and for a function of
+    other arguments; the drive of a function also raises it, for controls that do not fit.
+    """
+    if callable(controller):
+        return _function(controller, model), getattr(controller, "__name__", "a function")
+    if controller == "ctrl":
+        return lambda data: None, "the controls of the pose"
+    kind, colon, text = controller.partition(":")
+    if kind != "pd":
+        expected = "pd, pd:KP,KD, ctrl, or FILE.py:FUNCTION"
+        raise UserError("controller", repr(controller), expected)
+    gains = [units.parse(gain, "number", "controller") for gain in text.split(",") if colon]
+    return _pd(model, start, root, gains)
+
+
+def _function(function: Callable[[Any, Any], Any], model: Any) -> Drive:
+    """A drive by a user's function of (MjModel, MjData), which returns the
+    controls or sets them itself.
+
+    Raises UserError for a function of other arguments and, while it drives, for controls of another
+    number or that are not finite.
+    """
+    expected = f"{model.nu} finite controls, or None"
+    # Functions of compiled libraries may have no signature.
+    with suppress(ValueError):
+        signature = inspect.signature(function)
+        try:
+            signature.bind(model, None)
+        except TypeError:
+            got = f"a function of {signature}"
+            raise UserError("controller", got, "a function of (model, data)") from None
+
+    def drive(data: Any) -> None:
+        """Set the controls that the function returns. Raises UserError for ones that do not fit."""
+        controls = function(model, data)
+        if controls is None:
+            return
+        try:
+            values = np.asarray(controls, dtype=float).reshape(-1)
+        except (TypeError, ValueError):
+            got = f"the controller returned {controls!r:.60}"
+            raise UserError("controller", got, expected) from None
+        if values.shape != data.ctrl.shape or not np.isfinite(values).all():
+            got = f"the controller returned {values.size} numbers"
+            raise UserError("controller", got, expected)
+        data.ctrl[:] = values
+
+    return drive
+
+
+def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, str]:
+    """(drive that holds the pose, what to call it), for the hinges and slides of one robot.
+
+    Position servos get their joint's angle as target; motors get PD torques; joints without an
+    actuator are free.
+
+    start: MjData of the pose to hold, with its kinematics and mass matrix.
+    root: number of the robot's base body; actuators of other robots keep their controls.
+    gains: kp and kd in SI, or [] for those by weight and inertia.
+
+    Raises UserError for gains that are not two numbers from 0 up.
+    """
+    if gains and (len(gains) != 2 or min(gains) < 0):
+        raise UserError(
+            "controller", f"pd with {len(gains)} gains", "two from 0 up: pd:KP,KD, such as pd:60,2"
+        )
+    drive = _holding(model, start, root, gains)
+    described = []
+    if drive.servos.size:
+        described.append(f"{drive.servos.size} position servos hold their joints")
+    if drive.motors:
+        kp_span = _span([motor.kp for motor in drive.motors])
+        kd_span = _span([motor.kd for motor in drive.motors])
+        described.append(f"{len(drive.motors)} motors by PD, kp {kp_span}, kd {kd_span} (SI)")
+    if not described:
+        words = "the controls of the pose" if model.nu else "no actuators: its joints are free"
+        return (lambda data: None), words
+    return drive, "; ".join(described)
+
+
+def _holding(model: Any, start: Any, root: int, gains: Sequence[float]) -> _Pd:
+    """The servos and motors of a robot that hold its pose.
+
+    start: MjData of the pose, with its kinematics and mass matrix. root: number of the robot's base
+    body. gains: kp and kd of all motors, SI; [] for those by weight and inertia.
+    """
+    servos: list[int] = []
+    targets: list[float] = []
+    motors: list[_Motor] = []
+    for actuator in range(model.nu):
+        joint = int(model.actuator_trnid[actuator, 0])
+        if not _turns_or_slides(model, actuator, joint):
+            continue
+        if int(model.body_rootid[model.jnt_bodyid[joint]]) != root:
+            continue
+        angle = int(model.jnt_qposadr[joint])
+        gear = float(model.actuator_gear[actuator, 0]) or 1.0
+        gain = float(model.actuator_gainprm[actuator, 0])
+        bias = model.actuator_biasprm[actuator]
+        # MuJoCo: force = gain ctrl + b0 + b1 length + b2 velocity.
+        # A position servo has -kp in the second number of its bias.
+        if float(bias[1]) < 0.0:
+            servos.append(actuator)
+            targets.append(gear * float(start.qpos[angle]))
+        elif gain != 0.0 and not bias.any():
+            kp, kd = gains or _gains(model, start, root, joint)
+            dof = int(model.jnt_dofadr[joint])
+            motors.append(_Motor(actuator, gear * gain, angle, dof, kp, kd))
+    return _Pd(start.qpos.copy(), np.array(servos, int), np.array(targets), tuple(motors))
+
+
+def hold_pose(model: Any, start: Any, root: int) -> tuple[Floats, str]:
+    """(controls that hold the pose, (nu,); what holds it), as "pd" of `drive_of` does.
+
+    model: changed: its motors become servos with the gains and the torques that PD gives them, so
+    constant controls hold the pose.
+    start: MjData of the pose, left as it was. root: number of the robot's base body.
+    """
+    before = start.ctrl.copy()
+    drive, words = drive_of("pd", model, start, root)
+    drive(start)
+    controls: Floats = start.ctrl.copy()
+    start.ctrl[:] = before
+    motors: tuple[_Motor, ...] = ()
+    if isinstance(drive, _Pd):
+        motors = drive.motors
+    for motor in motors:
+        actuator = motor.actuator
+        # Its length is the gear times the angle.
+        gear = float(model.actuator_gear[actuator, 0]) or 1.0
+        limit = motor.gain / gear * model.actuator_ctrlrange[actuator]
+        if model.actuator_ctrllimited[actuator] and not model.actuator_forcelimited[actuator]:
+            model.actuator_forcelimited[actuator] = 1
+            model.actuator_forcerange[actuator] = sorted(limit)
+        model.actuator_ctrllimited[actuator] = 0
+        model.actuator_gainprm[actuator, 0] = motor.kp / gear**2
+        model.actuator_biastype[actuator] = int(backend().mjtBias.mjBIAS_AFFINE)
+        model.actuator_biasprm[actuator, 1:3] = -motor.kp / gear**2, -motor.kd / gear**2
+        controls[actuator] = gear * float(start.qpos[motor.angle])
+    return controls, words
+
+
+class _Motor(NamedTuple):
+    """A motor under PD control.
+
+    gain: its torque, or force, for a control of 1.
+    angle, dof: places of its joint in qpos and qvel.
+    kp, kd: SI.
+    """
+
+    actuator: int
+    gain: float
+    angle: int
+    dof: int
+    kp: float
+    kd: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Pd:
+    """Servos and motors that hold a pose.
+
+    pose: its qpos. servos: numbers of the position servos; targets: their controls, alike.
+    """
+
+    pose: Floats
+    servos: Any
+    targets: Floats
+    motors: tuple[_Motor, ...]
+
+    def __call__(self, data: Any) -> None:
+        """Set the controls of an MjData."""
+        data.ctrl[self.servos] = self.targets
+        for motor in self.motors:
+            behind = self.pose[motor.angle] - data.qpos[motor.angle]
+            torque = motor.kp * behind - motor.kd * data.qvel[motor.dof]
+            data.ctrl[motor.actuator] = torque / motor.gain
+
+
+def _turns_or_slides(model: Any, actuator: int, joint: int) -> bool:
+    """Say whether an actuator acts on a joint, and that is a hinge or a slide."""
+    kinds = backend()
+    if int(model.actuator_trntype[actuator]) != int(kinds.mjtTrn.mjTRN_JOINT):
+        return False
+    return int(model.jnt_type[joint]) >= int(kinds.mjtJoint.mjJNT_SLIDE)
+
+
+def _span(values: list[float]) -> str:
+    low = min(values)
+    high = max(values)
+    return f"{low:.3g}" if low == high else f"{low:.3g} ... {high:.3g}"
+
+
+def _gains(model: Any, data: Any, root: int, joint: int) -> tuple[float, float]:
+    """(kp, kd) of a joint, N m/rad and N m s/rad; of a slide N/m and N s/m.
+
+    data: MjData of the pose, with its kinematics and mass matrix.
+    root: number of the robot's base body.
+
+    With kp the whole weight, at the end of what the joint carries, turns it by 1 rad (slide: moves
+    it 2 cm); kd is a share of it. Both are small enough for the step to stay stable.
+    """
+    h = float(model.opt.timestep)
+    dof = int(model.jnt_dofadr[joint])
+    gravity = float(np.linalg.norm(model.opt.gravity))
+    weight = float(model.body_subtreemass[root]) * gravity or 1.0
+    if int(model.jnt_type[joint]) == int(backend().mjtJoint.mjJNT_SLIDE):
+        kp = weight / 0.02
+    else:
+        kp = weight * _reach(model, data, int(model.jnt_bodyid[joint]), data.xanchor[joint])
+    row: Floats = np.zeros((1, model.nv))
+    row[0, dof] = 1.0
+    solved = np.zeros((1, model.nv))
+    backend().mj_solveM(model, data, solved, row)
+    # Inertia that the joint feels with all other joints at liberty: kg m², kg for a slide.
+    inertia = 1.0 / float(solved[0, dof])
+    kd = min(_SHARE * kp, _MOST_KD * inertia / h)
+    return min(kp, _MOST_KP * inertia / h**2), kd
+
+
+def _reach(model: Any, data: Any, body: int, anchor: Floats) -> float:
+    """Distance from a joint's anchor to the centre of the farthest geom that hangs on it, m.
+
+    body: the joint's. anchor: (3,), m, in the world. 0.1 m, a guess, where that is 0.
+    """
+    reach = 0.0
+    for geom in range(model.ngeom):
+        above = int(model.geom_bodyid[geom])
+        while above > body:
+            above = int(model.body_parentid[above])
+        if above == body:
+            reach = max(reach, float(np.linalg.norm(data.geom_xpos[geom] - anchor)))
+    # Nothing finite hangs on the joint: 0.1 m is a guess.
+    return reach if reach > 0 and math.isfinite(reach) else 0.1

@@ -60,8 +60,8 @@ def has_force_law(model: Any, geoms: Sequence[int]) -> bool:
 def _config(model: Any, geoms: Sequence[int], keys: Sequence[str]) -> dict[str, str] | None:
     """Config of the first plug-in instance with these keys that names two geoms or their bodies.
 
-    keys: in the plug-in's order; their number tells one plug-in from another. Values are texts, ""
-    where the user wrote none. None without such an instance.
+    geoms: numbers of the two. keys: in the plug-in's order; their number tells one plug-in from
+    another. Values are texts by key, "" where the user wrote none. None without such an instance.
     """
     geom_names = {model.geom(geom).name for geom in geoms}
     body_names = {model.body(model.geom_bodyid[geom]).name for geom in geoms}
@@ -193,7 +193,11 @@ class Nearest(NamedTuple):
 
 @dataclass(frozen=True)
 class ContactPair:
-    """Two parts of a model that shall meet."""
+    """Two parts of a model that shall meet.
+
+    model: compiled MjModel. first, second: the two parts; of a pair to be launched, the first
+    moves.
+    """
 
     model: Any
     first: NamedGeoms

@@ -18,7 +18,11 @@ from hcbench.engines.mujoco.model.find_pair import (
     no_contact_error,
 )
 from hcbench.engines.mujoco.model.pair import BOTH_SIDES, ContactPair, Nearest, PairContact
-from hcbench.engines.mujoco.model.start_pose import MOVED, require_joints_within_limits
+from hcbench.engines.mujoco.model.start_pose import (
+    MOVED,
+    beyond_limit,
+    require_joints_within_limits,
+)
 from hcbench.engines.mujoco.model.touch_search import TouchSearch, swing, swing_to_touch
 from hcbench.sim.model_under_test import Vector
 from hcbench.sim.touch import DEEPEST, LEAST_APPROACH, require_apart, require_reachable
@@ -136,7 +140,8 @@ def _by_some_joint(
     row: Floats,
     overlap: float,
 ) -> PairAtTouch:
-    """The two brought together the nearest way, by the first of the movers that leads there.
+    """The two brought together the nearest way, by the first of the movers that leads there within
+    the limits of its joints, else by the first at all.
 
     data: MjData at the start, and again when this returns.
     movers: (pair with the moving part first, mover).
@@ -147,6 +152,7 @@ def _by_some_joint(
     """
     # A miss goes first: it says more than what else is in the way.
     errors: list[UserError] = []
+    strained: PairAtTouch | None = None
     for ordered, joint in movers:
         try:
             placed = _along_nearest(ordered, data, joint, row, overlap)
@@ -155,14 +161,33 @@ def _by_some_joint(
         except UserError as error:
             errors.append(error)
         else:
-            if placed is not None:
+            if placed is None:
+                continue
+            if not _is_strained(placed):
                 return placed
+            # A limit would turn the part back before it touches.
+            strained = strained or placed
+    if strained is not None:
+        return strained
     if errors:
         raise errors[0]
     if any(not joint.turns for _, joint in movers):
         got = f"{pair.first.name!r} and {pair.second.name!r} slide past each other: no joint moves one"
         raise UserError("pair", f"{got} towards the other", "a joint along their common normal")
     raise immobile_error(pair)
+
+
+def _is_strained(placed: PairAtTouch) -> bool:
+    """Say whether a joint of what moves is far beyond its limit at touch."""
+    model = placed.pair.model
+    at_touch = backend().MjData(model)
+    at_touch.qpos[:] = placed.qpos
+    joints = set(model.dof_jntid[list(placed.joint.dofs)].tolist())
+    for joint in joints:
+        beyond, allowed, _ = beyond_limit(model, at_touch, joint)
+        if model.jnt_limited[joint] and beyond > allowed:
+            return True
+    return False
 
 
 def _raised(pair: ContactPair, data: Any, near: Nearest) -> Nearest:
@@ -290,10 +315,9 @@ def _from_there(
     data: MjData at the start; changed.
     coming_from: the side of the first part, a unit vector away from the second; the second comes
     from the other side.
-    chosen: the only mover that may, as in `_joints`.
-
+    chosen: the only mover that may, "base:", "body:NAME" or "joint:NAME"; None: any.
     Raises UserError where no joint moves one of them along it, they do not meet, or something else
-    is in the way, as `_at_touch` does.
+    is in the way.
     """
     model = pair.model
     there = np.asarray(coming_from)
@@ -492,11 +516,13 @@ def _require_room(pair: ContactPair, data: Any) -> None:
         require_reachable(-contact.dist, size, names, blocked, advice)
 
 
-def tether_error(model: Any, data: Any, row: Any, names: tuple[str, str]) -> UserError | None:
+def tether_error(
+    model: Any, data: Any, by_push: Floats, names: tuple[str, str]
+) -> UserError | None:
     """Error for tendons at their limits and stretched equalities that hold the two back at touch.
 
     data: MjData at touch, with its constraints.
-    row: (nv,) M^-1 J^T, the motion by a push at the contact.
+    by_push: (nv,) M^-1 J^T, the motion by a push at the contact.
     names: of the two, the moving part first.
 
     None where no such constraint feels the push.
@@ -505,8 +531,9 @@ def tether_error(model: Any, data: Any, row: Any, names: tuple[str, str]) -> Use
     if not data.nefc:
         return None
     coupling = np.zeros(data.nefc)
-    mujoco.mj_mulJacVec(model, data, coupling, row)
-    for i in np.flatnonzero(np.abs(coupling) > 1e-9 * max(1.0, float(np.abs(row).max()))):
+    mujoco.mj_mulJacVec(model, data, coupling, by_push)
+    round_off = 1e-9 * max(1.0, float(np.abs(by_push).max()))
+    for i in np.flatnonzero(np.abs(coupling) > round_off):
         kind = int(data.efc_type[i])
         number = int(data.efc_id[i])
         off = float(data.efc_pos[i])

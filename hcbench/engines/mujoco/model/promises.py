@@ -159,7 +159,11 @@ def broken_promise(
 
 
 def _longer_step(model: Any, promise: Promise) -> Iterator[Suspect]:
-    """A time step longer than that up to which a plug-in bounces over its whole band."""
+    """Yield the suspect of a time step longer than that up to which a plug-in bounces over its
+    whole band; at most one.
+
+    promise: what hcbench wrote, with that step, s; one without a step is kept at any.
+    """
     step = float(model.opt.timestep)
     promised = float(dict(promise.option).get("timestep", math.inf))
     if step > (1.0 + _SAME) * promised:
@@ -202,7 +206,8 @@ def _gravity(promise: Promise, gravity: float) -> Iterator[Suspect]:
 def _pairs(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iterator[Suspect]:
     """Yield how the <pair>s of two geoms differ from those that hcbench wrote.
 
-    Some missing or added, a margin or gap that makes one act from afar, another friction.
+    promise: of the two, what hcbench wrote. geoms: numbers of the two. Some missing or added, a
+    margin or gap that makes one act from afar, another friction.
     """
     joining = explicit_pairs(model, geoms)
     lost = promise.rows - len(joining)
@@ -298,7 +303,10 @@ def _equal(now: str | float, promised: str | float) -> bool:
 
 
 def _set_option(model: Any, name: str, text: str) -> None:
-    """Set one of the options of `option_in_force` in a compiled model, from its text in XML."""
+    """Set one of the options of `option_in_force` in a compiled model, from its text in XML.
+
+    model: changed. name: of the option. text: as XML writes its value, such as "RK4" or "0.002".
+    """
     mujoco = backend()
     if name == "integrator":
         model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{text.upper()}")

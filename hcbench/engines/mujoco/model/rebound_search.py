@@ -74,9 +74,10 @@ class FootContact:
 
 
 def foot_geoms(model: Any, requests: Sequence[Request]) -> list[Geoms]:
-    """All pairs of geoms of the pairs of the requests that MuJoCo collides.
+    """All pairs of geoms of the pairs of the requests that MuJoCo collides, by their numbers.
 
-    Raises UserError for more than can be written.
+    requests: each with the names of its pair. Raises UserError for unknown names, and for more
+    geoms than can be written.
     """
     pairs = []
     for request in requests:
@@ -107,8 +108,8 @@ def write_contact(source: Any, requests: Sequence[Request], contact: FootContact
     """The model of a source with the contact in <pair>s of all feet, in a spec of its own;
     friction, condim and margin stay.
 
-    source: a file, MJCF text or an MjSpec. Raises UserError for a source that cannot be written,
-    for unknown pairs and for too many geoms.
+    source: a file, MJCF text or an MjSpec. requests: each with the names of a foot and its floor.
+    Raises UserError for a source that cannot be written, for unknown pairs and for too many geoms.
     """
     spec = spec_of(source)
     model = spec.compile()
@@ -136,7 +137,8 @@ def write_contact(source: Any, requests: Sequence[Request], contact: FootContact
 def _onset(model: Any, one: int, other: int) -> float:
     """Distance from which the contact of two geoms acts, m.
 
-    Versions of MuJoCo join margins and gaps in different ways: two spheres with those show it.
+    one, other: numbers of the geoms in a compiled model. Versions of MuJoCo join margins and gaps
+    in different ways: two spheres with those show it.
     """
     spec = backend().MjSpec()
     for geom in (one, other):
@@ -152,24 +154,25 @@ def _onset(model: Any, one: int, other: int) -> float:
 
 
 # Contacts that are tried: frequencies from that of a body which stops within the depth allowed, and
-# up to this share of 1/h; and dampings.
+# up to this share of 1/h; and dampings, which throw a robot up higher than its model does, or less.
 _SLOWER = 0.6
 _FASTEST = 0.4
 _FREQUENCIES = 8
 _DAMPINGS = tuple(np.geomspace(0.12, 1.4, 8).tolist())
+_CALMING = tuple(np.geomspace(0.4, 4.0, 8).tolist())
 # Time of a short drop after the fall, s: the touch and the start of the flight.
 _TOUCH_S = 0.35
 # Halvings of the damping between two contacts, and how near the rebound comes then.
 _HALVINGS = 6
 _NEAR = 0.03
-# Halvings of the damping below the largest rebound that was found.
+# Halvings of the damping beyond the rebound that was found nearest to the target.
 _REFINED = 3
 # Impratios with elliptic cones that are tried for less slip; 0 is the model's own.
 _IMPRATIOS = (0.0, 10.0)
 # Drops by which a contact is first judged whole, of a robot that stands.
 _FIRST = (DROPS[-1], DROPS[len(DROPS) // 2])
 _SETTINGS_MAX = 12
-_HIGHEST_MAX = 24
+_NEAREST_MAX = 8
 # Factors of the servos' kp, with their square roots of kd, by which more is tried.
 _STIFFER = (2.0, 4.0, 8.0, 16.0)
 # Fewer iterations of the solver do not hold a foot.
@@ -204,6 +207,7 @@ class ReboundSearch:
         self._tried: dict[FootContact, DropTest] = {}
         # The same drops of the model as it is.
         self._untuned = DropBench(spec_of(source), label, requests).test(self._short, REBOUNDS)
+        self._dampings = _CALMING if target < before.rebound else _DAMPINGS
 
     def contacts(self) -> Iterator[FootContact]:
         """Contacts with the rebound in short drops, and with no worse first long drops, the most
@@ -219,27 +223,52 @@ class ReboundSearch:
                 if self._first_drops_are_no_worse(varied):
                     yield varied
 
-    def highest_contacts(self) -> Iterator[FootContact]:
-        """Contacts that are not worse in short drops, the largest rebound first."""
-        every = itertools.chain.from_iterable(self._grid())
-        feasible = sorted(self._feasible(every), key=lambda contact: -self._try(contact).rebound)
-        for contact in feasible[:_HIGHEST_MAX]:
-            if self._first_drops_are_no_worse(contact):
-                yield from dict.fromkeys([self._least_damped(contact), contact])
-
-    def _least_damped(self, contact: FootContact) -> FootContact:
-        """The contact with as little damping as the drops allow, down to the next of the grid: by
-        halving the interval of damping _REFINED times.
+    def nearest_contacts(self) -> Iterator[FootContact]:
+        """Contacts that are not worse in short drops and the first long ones: of each frequency, and of
+        those between, the one whose rebound is nearest to the target; the nearest first.
         """
-        lower = max((one for one in _DAMPINGS if one < contact.damping), default=contact.damping)
+        rows = self._grid()
+        rows += [self._row(math.sqrt(w * v)) for w, v in itertools.pairwise(self._frequencies())]
+        nearest = [one for row in rows if (one := self._nearest_of(row)) is not None]
+        refined = map(self._still_nearer, sorted(nearest, key=self._miss)[:_NEAREST_MAX])
+        yield from sorted(refined, key=self._miss)
+
+    def _nearest_of(self, row: Sequence[FootContact]) -> FootContact | None:
+        """The contact to try of one frequency that is nearest to the target and not worse in the drops
+        of `nearest_contacts`; None without one.
+        """
+        for contact in sorted(self._feasible(row), key=self._miss):
+            if self._first_drops_are_no_worse(contact):
+                return contact
+        return None
+
+    def _miss(self, contact: FootContact) -> float:
+        """Distance of its rebound from the target in short drops, m."""
+        return abs(self._misses(contact))
+
+    def _still_nearer(self, contact: FootContact) -> FootContact:
+        """The contact with its damping moved towards the next of the grid, on the side of the
+        target, as far as the drops allow: by halving the interval of damping _REFINED times.
+        """
+        if self._misses(contact) > 0.0:
+            beyond = min((one for one in self._dampings if one > contact.damping), default=None)
+        else:
+            beyond = max((one for one in self._dampings if one < contact.damping), default=None)
+        if beyond is None:
+            return contact
         for _ in range(_REFINED):
-            middle = replace(contact, damping=math.sqrt(contact.damping * lower))
-            is_no_worse = self._is_no_worse(self._try(middle))
-            if is_no_worse and self._first_drops_are_no_worse(middle):
+            middle = replace(contact, damping=math.sqrt(contact.damping * beyond))
+            if self._is_nearer(middle, contact) and self._first_drops_are_no_worse(middle):
                 contact = middle
             else:
-                lower = middle.damping
+                beyond = middle.damping
         return contact
+
+    def _is_nearer(self, one: FootContact, other: FootContact) -> bool:
+        """Say whether one contact is nearer to the target in short drops than another, and no worse."""
+        if not one.is_kept(self.bench.timestep) or not self._is_no_worse(self._try(one)):
+            return False
+        return self._miss(one) < self._miss(other)
 
     def stiffer(self) -> tuple[tuple[float, float], ...]:
         """(factor of kp, largest rebound with it, m) of stiffer servos, until the target is in reach."""
@@ -252,16 +281,21 @@ class ReboundSearch:
         frequency w stops a speed v within v/w. MuJoCo does not keep a time constant below two
         steps: such contacts are left out.
         """
+        return list(map(self._row, self._frequencies()))
+
+    def _frequencies(self) -> list[float]:
+        """Frequencies of the contacts to try, rad/s, see `_grid`."""
         h = self.bench.timestep
         deepest = max(1.2 * self.before.depth, self.before.depth + 5e-4)
         speed = math.sqrt(2.0 * self.bench.gravity * REBOUNDS[0].height)
         slowest = min(max(10.0, _SLOWER * speed / deepest), 0.5 * _FASTEST / h)
-        rows = []
-        for frequency in np.geomspace(slowest, _FASTEST / h, _FREQUENCIES).tolist():
-            every = [FootContact(frequency, damping) for damping in reversed(_DAMPINGS)]
-            row = [contact for contact in every if contact.is_kept(h)]
-            rows.append(row)
-        return rows
+        frequencies: list[float] = np.geomspace(slowest, _FASTEST / h, _FREQUENCIES).tolist()
+        return frequencies
+
+    def _row(self, frequency: float) -> list[FootContact]:
+        """Contacts of one frequency to try, see `_grid`."""
+        every = [FootContact(frequency, damping) for damping in reversed(self._dampings)]
+        return [contact for contact in every if contact.is_kept(self.bench.timestep)]
 
     def _feasible(self, contacts: Iterable[FootContact]) -> list[FootContact]:
         """Those that are not worse in short drops."""
@@ -336,7 +370,8 @@ class ReboundSearch:
 
     def _with_stiffer_servos(self) -> Iterator[tuple[float, float]]:
         """(factor of kp, largest rebound of contacts that are not worse in short drops, m) of
-        stiffer servos, until the target is in reach; nothing without servos.
+        stiffer servos, until the target is in reach; nothing without servos, or for a rebound below
+        that of the model as it is.
 
         The model's gains are as they were afterwards.
         """
@@ -344,7 +379,8 @@ class ReboundSearch:
         gains = model.actuator_gainprm.copy()
         biases = model.actuator_biasprm.copy()
         servos = biases[:, 1] < 0.0
-        for factor in _STIFFER if servos.any() else ():
+        is_raised = self.target > self.before.rebound
+        for factor in _STIFFER if is_raised and servos.any() else ():
             model.actuator_gainprm[servos, 0] = factor * gains[servos, 0]
             model.actuator_biasprm[servos, 1] = factor * biases[servos, 1]
             model.actuator_biasprm[servos, 2] = math.sqrt(factor) * biases[servos, 2]
@@ -375,10 +411,11 @@ def advice(model: Any) -> tuple[str, ...]:
 def rebound_settings(
     source: Any, requests: Sequence[Request], before: DropTest, target: float
 ) -> ReboundSettings:
-    """Settings of the feet for a rebound, m, found by drops.
+    """Settings of the feet for a rebound, found by drops; the search runs as they are asked for.
 
-    before: the whole test of the model as it is. Raises UserError for what cannot be dropped or
-    written.
+    source: a file, MJCF text or an MjSpec. requests: of the feet's pairs. before: the whole test of
+    the model as it is. target: the rebound, m.
+    Raises UserError for what cannot be dropped or written.
     """
     search = ReboundSearch(source, requests, before, target)
 
@@ -388,7 +425,7 @@ def rebound_settings(
 
     return ReboundSettings(
         settings(search.contacts()),
-        settings(search.highest_contacts()),
+        settings(search.nearest_contacts()),
         search.stiffer,
         advice(search.plain),
     )
@@ -398,7 +435,8 @@ def _setting(source: Any, requests: Sequence[Request], contact: FootContact) -> 
     """A contact of the feet as a setting of a user's model: notes, the model under a request, and
     its text.
 
-    source, requests: as of `rebound_settings`; errors of `write_contact`.
+    source: a file, MJCF text or an MjSpec. requests: each with the names of a foot and its floor.
+    Raises UserError for a source that cannot be written, for unknown pairs and for too many geoms.
     """
     made = write_contact(source, requests, contact)
     notes = [

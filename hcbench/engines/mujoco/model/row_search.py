@@ -64,7 +64,8 @@ _MEMBERS = 16
 # Degrees of freedom of the largest model that counts as light. A heavy one's launches take so long
 # that it has a third of the generations.
 _LIGHT = 12
-_GENERATIONS = (50, 16)
+_GENERATIONS = 50
+_GENERATIONS_LARGE = 16
 # Half period in steps; logs of its loss a step, odds of its impedance; log of D h, odds of dmax,
 # logs of width over v h and midpoint of the damper.
 _LOWEST = np.array([1.5, -6.0, -4.0, *np.log([0.05, 1e-4, 0.1, 3e-3])])
@@ -136,8 +137,11 @@ class RowSearch:
         was: Standing,
         set_rows: Callable[[Any, Rows], None],
     ) -> None:
-        """Compile the model with sensors, and lay out the launches that each try takes; arguments
-        are those of the class.
+        """Compile the model with sensors, and lay out the launches that each try takes.
+
+        spec: MjSpec with rows in it, to which sensors are added. opened: the model under each
+        attitude. goal: e over speed. band: lowest and highest impact speed, m/s. was: the model at
+        rest before. set_rows: writes rows into the pairs of a compiled model.
         """
         sensor_of = _add_distance_sensors(spec, opened)
         self._opened = opened
@@ -335,25 +339,29 @@ class RowSearch:
         def errors(members: Floats, limits: Floats) -> Floats:
             return self._errors([self.rows(member, adhesive) for member in members], limits)
 
-        is_large = self._model.nv > _LIGHT
-        starts = _LEGS if is_large else _STARTS
-        lowest = _LEGS_LOWEST if is_large else _LOWEST
+        generations = _GENERATIONS
+        starts = _STARTS
+        lowest = _LOWEST
+        if self._model.nv > _LIGHT:
+            generations = _GENERATIONS_LARGE
+            starts = _LEGS
+            lowest = _LEGS_LOWEST
         bounds = (lowest, _HIGHEST)
         random = np.random.default_rng(_SEED)
         first = random.uniform(*bounds, (_MEMBERS, len(_LOWEST)))
         first[: len(starts)] = starts
         with captured_warnings():
-            best = evolve(errors, first, _GENERATIONS[is_large], bounds, random, towards_best=True)[
-                0
-            ]
-            return self.rows(best, adhesive)
+            members = evolve(errors, first, generations, bounds, random, towards_best=True)
+            return self.rows(members[0], adhesive)
 
 
 def _add_distance_sensors(spec: Any, opened: Sequence[MujocoModel]) -> list[int]:
-    """Add one sensor a pair of geoms to a spec: their distance, m; return each model's number of it.
+    """Add one sensor a pair of geoms to a spec: their distance, m; return each model's number of
+    it.
 
-    They come last in the compiled model's sensor data, in the order of their numbers from 0 on. The
-    attitudes of a pair share its sensor, which takes time in each step.
+    spec: changed. opened: the models, each with its pair at touch. The sensors come last in the
+    compiled model's sensor data, in the order of their numbers from 0 on. The attitudes of a pair
+    share its sensor, which takes time in each step.
     """
     mujoco = backend()
     # In the order of their numbers.

@@ -52,7 +52,12 @@ class LentModel(ModelUnderTest):
     diverged = NOT_FINITE
 
     def __init__(self, own: OpenedModel, engine: SharedModelEngine, as_given: bool = True) -> None:
-        """Make the engine's copies of the model; errors are those of the class."""
+        """Make the engine's copies of the model.
+
+        own: the model as MuJoCo opened it. engine: that steps. as_given: the model is the user's
+        own, without fixes. Raises SceneError for what the engine does not have, SettingError for a
+        step too short for its numbers.
+        """
         self._own = own
         self._engine = engine
         self._as_given = as_given
@@ -113,10 +118,12 @@ class LentModel(ModelUnderTest):
         return [*named, *self._too_fine(impacts), *self._unlike_mujoco(impacts), *own]
 
     def _too_fine(self, impacts: Sequence[Impact]) -> Iterator[Suspect]:
-        """Suspect a step in which the slowest launch moves by few units in the last place.
+        """Suspect a step in which the slowest launch moves by few units in the last place; at most
+        one suspect.
 
-        Coordinates are rounded to the engine's numbers, float32 or float64; far from the origin or
-        in short steps the rounding is a notable share of the way.
+        impacts: as the engine stepped them. Coordinates are rounded to the engine's numbers,
+        float32 or float64; far from the origin or in short steps the rounding is a notable share of
+        the way.
         """
         place = unit_in_last_place(self._reach, self._copies.bits)
         moved = min(impact.launch.speed for impact in impacts) * self.timestep
@@ -134,10 +141,12 @@ class LentModel(ModelUnderTest):
         )
 
     def _unlike_mujoco(self, impacts: Sequence[Impact]) -> Iterator[Suspect]:
-        """Suspect the engine if the same launches bounce otherwise in MuJoCo itself.
+        """Suspect the engine if the same launches bounce otherwise in MuJoCo itself; at most one
+        suspect.
 
-        Names the launch whose e differs most, if by more than TOLERANCE; one without e in either
-        of the two differs most of all.
+        impacts: as the engine stepped them; one launch of each speed is simulated again in MuJoCo.
+        Names the launch whose e differs most, if by more than TOLERANCE; one without e in either of
+        the two differs most of all.
         """
         # One phase of each speed: the last.
         of_speed = {impact.launch.at_any_phase: impact for impact in impacts}
@@ -250,7 +259,10 @@ class LentSimulation(Flights[LentFlight]):
     """Launches under way in copies of their model, one copy each; all copies step together."""
 
     def __init__(self, copies: Copies, flights: Sequence[LentFlight]) -> None:
-        """Put the launches into the first copies, and each launch where its copy then is."""
+        """Put the launches into the first copies, and each launch where its copy then is.
+
+        copies: of the model, at least as many as flights. flights: each at its release.
+        """
         super().__init__(flights)
         self._copies = copies
         # Places of the launches that are still read.

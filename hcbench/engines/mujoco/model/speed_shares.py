@@ -44,7 +44,11 @@ class SpeedShares:
     """
 
     def __init__(self, model: Any, sides: NDArray[np.int8]) -> None:
-        """Begin at zero; arguments are those of the class."""
+        """Begin at zero.
+
+        model: MjModel. sides: (ngeom + 1,), 1 for geoms of the moving part, 2 for the other's, else
+        0.
+        """
         self._model = model
         self._sides = sides
         self._h = float(model.opt.timestep)

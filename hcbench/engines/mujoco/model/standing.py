@@ -63,10 +63,11 @@ _SLIDES_S = 1.0
 
 
 def standing(opened: Sequence[OpenedModel]) -> Standing:
-    """Measure how pairs of one model stand, each at touch; NaN for what it has not.
+    """Measure how pairs of one model stand; NaN for what it has not.
 
-    Level, slope and cost are of the first pair, if its second part stands still; the grasp is of
-    the first two that hold one body from both sides, the hop the highest of loose bodies that slide.
+    opened: the model with each of the pairs at touch, one or more. Level, slope and cost are of the
+    first pair, if its second part stands still; the grasp is of the first two that hold one body
+    from both sides, the hop the highest of loose bodies that slide.
     """
     first = opened[0]
     held = [pair for pair in itertools.combinations(opened, 2) if _is_grasp(*pair)]
@@ -104,14 +105,16 @@ def rest_of_pair(opened: OpenedModel) -> Rest | None:
     else from the touch; None if nothing holds the two together, DIVERGED where the state is not
     finite.
     """
-    return laid_down(opened)[0]
+    rest, _ = laid_down(opened)
+    return rest
 
 
 def laid_down(opened: OpenedModel) -> tuple[Rest | None, Any]:
-    """(rest of the pair, see `rest_of_pair`; MjData at its end).
+    """(rest of the pair, MjData at its end): from its start if it touches there; else from the
+    touch, if gravity presses the two together.
 
-    The pair rests in its start if it touches there; else it is laid down at touch, if gravity
-    presses the two together.
+    opened: with the pair at touch. The rest is None where nothing holds the two together, DIVERGED
+    where the state is not finite at the end.
     """
     data = copy.copy(opened.start)
     place = opened.place
@@ -215,7 +218,8 @@ def _followed(
 def force_and_depth(opened: OpenedModel, data: Any, sides: Sequence[int]) -> tuple[float, float]:
     """Force of the pair's contact, N, and penetration at its deepest point, m; 0 without one.
 
-    sides: of each geom, as a list: of a few contacts NumPy would take ten times as long.
+    data: MjData. sides: of each geom, as a list: 1 for the first part's, 2 for the second's, else
+    0. Of a few contacts NumPy would take ten times as long.
     """
     contacts = data.contact
     of_pair = [
@@ -269,7 +273,11 @@ def _hold(one: OpenedModel, other: OpenedModel) -> float:
 
 
 def _highest_hop(opened: Sequence[OpenedModel]) -> float:
-    """The largest hop of loose bodies that slide on the world, m; NaN where there are none."""
+    """The largest hop of loose bodies that slide on the world, m; NaN where there are none.
+
+    opened: the model with each of its pairs at touch. Loose: the pair's first body, which gravity
+    presses on what stands still, and nothing else acts on.
+    """
     hops = []
     for each in opened:
         pair = each.place.pair
@@ -309,7 +317,8 @@ def _hop(opened: OpenedModel) -> float:
 
 def _force(opened: OpenedModel, data: Any) -> float:
     """Force of the pair's contact, N."""
-    return force_and_depth(opened, data, opened.place.pair.sides.tolist())[0]
+    force, _ = force_and_depth(opened, data, opened.place.pair.sides.tolist())
+    return force
 
 
 def _cost(opened: OpenedModel, data: Any) -> tuple[float, float]:
@@ -460,6 +469,7 @@ def _friction(opened: OpenedModel, resting: Any, touch: _ForceAtTouch) -> list[f
     NaN alone for parts that joints keep from moving along the plate, and for a body that other
     contacts hold, too.
 
+    resting: MjData of the pair at rest, which stays as it is. touch: the contact in it.
     The pair is pushed along its plate by more than friction bears: the friction then is at its
     limit, which a pyramid of two axes has lower between them.
     """

@@ -71,7 +71,8 @@ def require_plausible_model(model: Any, label: str) -> None:
 def _require_metres(label: str, gravity: float) -> None:
     """Refuse a model whose gravity is the Earth's in another unit of length. Raises QuantityError.
 
-    gravity: its magnitude, in the model's units. --beyond-bounds admits all.
+    label: the model's name in errors. gravity: its magnitude, in the model's units. --beyond-bounds
+    admits all.
     """
     for unit, per_metre in _OTHER_UNITS.items():
         looks_like_it = abs(gravity / (STANDARD_GRAVITY * per_metre) - 1.0) < _EARTH

@@ -109,7 +109,7 @@ def _turned(placed: MujocoModel, geom: int, way: tuple[float, float, float]) -> 
     """qpos, (nq,), of a model whose loose body is turned so that a direction points at the other.
 
     placed: the model, with the pair at touch. geom: of the loose body.
-    way: the direction, see `_ways_of_shape`.
+    way: the direction, in half sizes along the geom's own axes: (0, 0, 1) is its upper face.
     """
     model = placed.model
     start = placed.start
@@ -165,7 +165,9 @@ def _unit(vector: Floats) -> Floats:
 
 
 def _turn(start: Floats, end: Floats) -> Floats:
-    """The quaternion, w x y z, of the least turn from one unit vector, (3,), to another."""
+    """The quaternion, w x y z, (4,), of the least turn from the unit vector `start`, (3,), to
+    `end`.
+    """
     axis = np.cross(start, end)
     cosine = float(start @ end)
     # Half a turn: every axis across the start will do, and 1 + cosine
@@ -186,10 +188,11 @@ _SAME_GRAVITY = 2.0
 
 
 def attitudes_of(source: Any, request: Request) -> list[tuple[str, Request]]:
-    """(attitude, request) of each way in which the two can meet, of a user's model: see
-    `attitudes`.
+    """(attitude, request) of each way in which the two can meet, such as the face, edge and vertex
+    of a box; ("", request) where there is only one.
 
-    source: a file, MJCF text, MjModel or MjSpec; errors are those of `load` and `attitudes`.
+    source: a file, MJCF text, MjModel or MjSpec. Raises SceneError for a model that does not
+    compile, UserError where the pair cannot be brought to touch.
     """
     model, label, state = load(source, request)
     return attitudes(model, label, state, request)
@@ -253,10 +256,11 @@ def model_settings(
 def _searched(
     source: Any, pairs: Sequence[PairToTune], goal: RestitutionCurve, was: Standing, adhesive: bool
 ) -> dict[_Kind, Rows]:
-    """Rows for each kind of pair, by `PairToTune.like`, searched for in the model one kind after the
-    other.
+    """Rows for each kind of pair, by `PairToTune.like`, searched for in the model one kind after
+    the other.
 
-    goal: e over speed. was: the model at rest as it is. adhesive: whether rows may pull.
+    source: a file, MJCF text or an MjSpec. pairs: all that get rows. goal: e over speed. was: the
+    model at rest as it is. adhesive: whether rows may pull.
     Kinds that are still to be searched have the starting rows meanwhile, as a robot stands and
     bounces on all of its feet. Raises EngineFailed for a fatal error of MuJoCo's.
     """
@@ -285,11 +289,11 @@ def _with_rows(
 def _row_setter(
     plain: Any, pairs: Sequence[PairToTune], rows_of: Mapping[_Kind, Rows], like: _Kind
 ) -> Callable[[Any, Rows], None]:
-    """A function that writes rows into the pairs of one kind in a compiled
-    model; the others keep theirs.
+    """A function (model, rows) that writes rows into the pairs of one kind in a compiled model; the
+    others keep theirs.
 
     plain: the model as it is, whose cone and impratio hold where no row needs others.
-    rows_of: rows of every kind.
+    pairs: of every kind. rows_of: their rows by kind.
     like: the kind whose <pair>s the function writes.
     """
     geoms_alike: list[tuple[int, int]] = []

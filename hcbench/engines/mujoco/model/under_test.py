@@ -21,13 +21,12 @@ from hcbench.engines.mujoco.model.causes import find_suspects
 from hcbench.engines.mujoco.model.causes.contact import WEAK, pyramidal_cone
 from hcbench.engines.mujoco.model.causes.context import Context, written_contact
 from hcbench.engines.mujoco.model.causes.motion import at_rest
-from hcbench.engines.mujoco.model.compiled_loop import flights_of
 from hcbench.engines.mujoco.model.find_pair import moving_joints
 from hcbench.engines.mujoco.model.open import OpenedModel
 from hcbench.engines.mujoco.model.pair import restitution_law
 from hcbench.engines.mujoco.model.promises import broken_promise, promise_in, slow_for_plugin
 from hcbench.engines.mujoco.model.shared_model import LentModel
-from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation
+from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation, flights_of
 from hcbench.engines.mujoco.model.standing import carried_by, rest_of_pair
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.diagnose import other_contacts
@@ -70,19 +69,22 @@ class MujocoModel(OpenedModel, LendsSteps):
         return LentModel(self, engine)
 
     def facts(self) -> Facts:
-        """Properties of the model and of its pair, as `measure` prints them.
+        """Properties of the model and of its pair, SI, as `measure` prints them: the pair, its mass
+        and normal, MuJoCo's settings, the e that these ask for, notes, and what has changed since
+        `tune` wrote them.
 
         Warnings, other contacts and shares are those of the launches until now.
         """
         model = self.model
         place = self.place
         asked, words = self._asked()
-        solref, solimp, geoms = place.contact.rows[0]
+        point = place.contact.rows[0]
+        geoms = point.geoms
         integrator = backend().mjtIntegrator(model.opt.integrator).name
         settings = {
             "integrator": integrator.removeprefix("mjINT_").lower(),
-            "solref": list(solref),
-            "solimp": list(solimp),
+            "solref": list(point.solref),
+            "solimp": list(point.solimp),
             "points of contact": len(place.contact.rows),
             "acts from (m)": place.contact.onset,
             "start": self.start_name,

@@ -72,7 +72,9 @@ class PairWorlds(ContactFamily):
     ) -> None:
         """Write a row of a middling e into a copy of the model, and compile it.
 
-        row_of: the row of a pair that has a nominal e. impratio: of the whole model; 0: its own.
+        source: a file, MJCF text or an MjSpec. pairs: that get a row each. name: of the family, for
+        the user. row_of: the row of a pair that has a nominal e. impratio: of the whole model; 0:
+        its own. Raises UserError for a source that cannot be written.
         """
         self.name = name
         self._source = source
@@ -82,12 +84,14 @@ class PairWorlds(ContactFamily):
         self._model = self._written.spec.compile()
         self.notes = tuple(self._written.notes)
         self.slides = any(pair.load.slides for pair in pairs)
+        # Of each kind, the number of its first pair.
         numbers: dict[object, int] = {}
         self.kinds = tuple(numbers.setdefault(pair.like, i) for i, pair in enumerate(pairs))
         self.mobility = tuple(
             sliding_mobility(pair.place, pair.load) / pair.load.strength for pair in pairs
         )
-        # Of each pair: its <pair>s, and the part of the row's solref that each has.
+        # Of each <pair>: its place in this list, its number in the model, and the part of the
+        # row's solref that it has: several points share one row's strength.
         self._numbers: list[tuple[int, int, Floats]] = []
         for pair in pairs:
             asked = np.array(row_of(pair, 0.5).solref)
@@ -141,10 +145,10 @@ def families(source: Any, requests: Sequence[Request]) -> Iterator[PairWorlds]:
     """Yield families of contacts for pairs of a user's model, the ones whose e chance moves least
     first.
 
-    source: see `open.load`. requests: one a pair. A row of one step comes first where nothing
-    slides and the integrator is not RK4; then springs, the softest and longest first. Raises
-    SceneError for a model that does not compile, UserError where a pair cannot be measured or no
-    <pair> keeps its e.
+    source: a file, MJCF text or an MjSpec. requests: one a pair. A row of one step comes first
+    where nothing slides and the integrator is not RK4; then springs, the softest and longest first.
+    Raises SceneError for a model that does not compile, UserError where a pair cannot be measured
+    or no <pair> keeps its e.
     """
     load(source, requests[0])
     model = spec_of(source).compile()
@@ -167,9 +171,12 @@ def _one_step_row(pair: PairToTune, e: float) -> ConstraintRow:
 def _spring_row(
     impedance: float, impratio: float, steps: int, pair: PairToTune, e: float
 ) -> ConstraintRow:
-    """A spring of a nominal e, with friction that stops a slip in one step where the cone allows it.
+    """A spring of a nominal e, with friction that stops a slip in one step where the cone allows
+    it.
 
-    A stiff one sets an acceleration whatever the mass, so it is not scaled by the load.
+    impedance: d of the spring and its damper. impratio: of the whole model; 0: no pair slides.
+    steps: of half a period. A stiff spring sets an acceleration whatever the mass, so it is not
+    scaled by the load.
     """
     load = pair.load
     if impedance > _SOFT:
@@ -191,7 +198,8 @@ def _impratio(model: Any, pairs: Sequence[PairToTune], impedance: float) -> floa
     """The impratio with which every friction row is heavy enough to hold, and creeps no faster than
     the user's own; two digits.
 
-    model: compiled, as the user has it. impedance: of the normal row.
+    model: compiled, as the user has it. pairs: those without friction ask for nothing. impedance:
+    of the normal row.
     """
     own = float(model.opt.impratio)
     is_elliptic = model.opt.cone == backend().mjtCone.mjCONE_ELLIPTIC

@@ -61,6 +61,9 @@ ONE_STEP = "one step"
 _RK4_STEPS = 8
 # K h² of a contact that stops a body: it pushes out what is inside, and no more.
 _STOP = 0.005
+# Time constants of critically damped contacts that stop a body, in steps, and their impedance.
+_GENTLE_STEPS = (5, 10, 20)
+_GENTLE_SOLIMP = (0.99, 0.99, 1e-3, 0.5, 2.0)
 # A row of at most this impedance is a spring that MuJoCo scales by its estimate of the mass.
 SOFT_IMPEDANCE = 0.01
 # A target e below this is met by a stop.
@@ -114,9 +117,9 @@ def row_choices(
 ) -> Iterator[tuple[str, Rows]]:
     """(name, rows) of each setting to offer, the simplest first.
 
-    A stop or one step, a spring and damper of one e, two rows whose e depends on speed as the
-    target does, gravity included, and the same two without pulling. The last two are left out for a
-    target without bounce or without loss.
+    Stops, within a step and gentle ones, or one step, a spring and damper of one e, two rows whose e
+    depends on speed as the target does, gravity included, and the same two without pulling. The
+    last two are left out for a target without bounce or without loss.
 
     goal: e over speed. band: lowest and highest impact speed, m/s.
     load: on the contact that the rows serve.
@@ -129,6 +132,9 @@ def row_choices(
     if constant < NO_BOUNCE:
         stop = ConstraintRow.direct(_STOP / h**2, 1.0 / h, STIFF_SOLIMP)
         yield "stop", (stop,)
+        # Friction throws up what slides less, the more steps a stop takes.
+        for steps in _GENTLE_STEPS:
+            yield f"stop of {steps} steps", (ConstraintRow((steps * h, 1.0), _GENTLE_SOLIMP),)
     elif not load.slides and not load.rk4:
         yield ONE_STEP, one_step(constant, h)
     steps = _RK4_STEPS if load.rk4 else half_period_steps(load.points)
@@ -177,7 +183,9 @@ def spring_row(e: float, steps: int, load: Load, solimp: Solimp = SPRING_SOLIMP)
 def _fitted(goal: RestitutionCurve, band: Band, load: Load, adhesive: bool) -> Rows:
     """A spring, and a damper whose strength grows with depth: two <pair>s of the same two geoms.
 
-    goal, band, load, adhesive: as in `row_choices`. Raises SearchInterrupted with the best so far.
+    goal: e over speed. band: lowest and highest impact speed, m/s. load: on the contact that the
+    rows serve. adhesive: whether the rows may pull. Raises SearchInterrupted with the best so far,
+    where the user stops the fit.
     """
     h = load.timestep
     gravity = round(load.gravity, 2)
@@ -406,7 +414,7 @@ def written(
 
     pairs: each with its rows, one <pair> a row for every two geoms. impratio: of the whole model
     under elliptic cones, 0 to leave both; None: what the rows need. Raises UserError for a source
-    that cannot be written, as `spec_of` does.
+    that cannot be written, such as a compiled model or a file that is not in UTF-8.
     """
     spec = spec_of(source)
     model = spec.compile()

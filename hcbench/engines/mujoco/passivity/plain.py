@@ -413,7 +413,9 @@ def drops(
 
 
 def rest_on_slope(contact: Contact, options: Stepping, degrees: float = 10.0) -> Rest:
-    """Rest of a ball that may not turn on a slope, held by friction: its drift, depth and force."""
+    """Rest of a ball that may not turn on a slope of so many degrees, held by friction: its drift,
+    depth and force.
+    """
     slides = ""
     for axis in ("1 0 0", "0 1 0", "0 0 1"):
         slides += f'<joint type="slide" axis="{axis}"/>'
@@ -424,7 +426,8 @@ def rest_on_slope(contact: Contact, options: Stepping, degrees: float = 10.0) ->
 
 
 def _rest(model: Any, seconds: float) -> Rest:
-    """Rest of the first body of a model over the last half of some time, from its start at qpos0.
+    """Rest of the first body of a model, from its start at qpos0, over the last half of so many
+    seconds.
 
     Depth is how far it sinks below the start, m; its drift is along x and y.
     """
@@ -454,9 +457,11 @@ def box_growth(contact: Contact, options: Stepping, attitude: str, speed: float)
     attitude: a key of _ATTITUDES. speed: downwards at touch, m/s; the box starts 2.4 steps before
     it.
     """
-    model, (quaternion, high) = contact.with_boxes(options), _ATTITUDES[attitude]
+    model = contact.with_boxes(options)
+    quaternion, high = _ATTITUDES[attitude]
     data = backend().MjData(model)
-    data.qpos[2:7] = HALF * high + 2.4 * contact.timestep * speed, *quaternion
+    data.qpos[2] = HALF * high + 2.4 * contact.timestep * speed
+    data.qpos[3:7] = quaternion
     data.qvel[2] = -speed
     return _growth(model, data, min(_BOX_S, _BOX_STEPS * contact.timestep))
 
@@ -549,7 +554,9 @@ def _rolling(contact: Contact, options: Stepping) -> float:
     """Kinetic energy of a ball that rolls for _ROLL_S, at the end over that at the start."""
     model = contact.with_ball(options)
     data = backend().MjData(model)
-    data.qvel[0], data.qvel[4] = _ROLLS, _ROLLS / contact.radius
+    data.qvel[0] = _ROLLS
+    # Rolling without slip along x turns a ball about y.
+    data.qvel[4] = _ROLLS / contact.radius
     start = _kinetic(model, data)
     for _ in range(round(_ROLL_S / contact.timestep)):
         backend().mj_step(model, data)

@@ -113,13 +113,21 @@ static int is_unsolved(const mjModel* m, const mjData* d, int first) {
   return !others;
 }
 
+/* Whether constraints push at all: where contacts part in an impact none does. */
+static int any_pushed(const mjModel* m, const mjData* d) {
+  for (int j = 0; j < m->nv; j++) {
+    if (d->qfrc_constraint[j] != 0) return 1;
+  }
+  return 0;
+}
+
 /* Adds to the new velocities and positions what the accelerations give beyond the forces: (M - h D)^-1 of
    M qacc - qfrc_smooth - qfrc_constraint. Of a solver that stops before its end the forces are the better: accelerations that
    no force gives would gain energy, and strays.c puts other forces of contacts in their place. There it takes that away. */
 static void take_accelerations(const mjModel* m, mjData* d, int first) {
   double h = m->opt.timestep;
   int early = is_unsolved(m, d, first), forces = takes_forces(m);
-  if (is_dual(m) || forces == early || m->opt.integrator == mjINT_RK4 || m->nflex || !has_contact(m, d, first)) return;
+  if (is_dual(m) || forces == early || m->opt.integrator == mjINT_RK4 || m->nflex || !any_pushed(m, d) || !has_contact(m, d, first)) return;
   mj_markStack(d);
   tree_parts t = make_parts(m, d, first, 0);
   double *missing = stack(d, m->nv), *x = stack(d, m->nv);

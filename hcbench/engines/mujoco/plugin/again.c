@@ -2,15 +2,14 @@
    stages would meet bodies that have turned and joints that have moved meanwhile. The velocities cannot be changed before
    the stages, as mj_forward alone leaves the state as it is; so the step is gone back on once it has ended. */
 
-/* Keeps where the step starts, with the velocities after the impulse. */
-static void start_again(const mjModel* m, mjData* d, instance* memory, const double* impulse) {
-  if (memory->is_again || mju_norm(impulse, m->nv) == 0) return;
+/* Keeps where the step starts, with the velocities after the impulse, which changes them so. */
+static void start_again(const mjModel* m, const mjData* d, instance* memory, const double* change) {
+  if (memory->is_again || mju_norm(change, m->nv) == 0) return;
   memory->start = realloc(memory->start, (m->nq + m->nv + m->na) * sizeof(double));
   memory->starts = 1;
   double *velocity = memory->start + m->nq, *act = velocity + m->nv;
   mju_copy(memory->start, d->qpos, m->nq);
-  mj_solveM(m, d, velocity, impulse, 1);
-  mju_addTo(velocity, d->qvel, m->nv);
+  mju_add(velocity, d->qvel, change, m->nv);
   mju_copy(act, d->act, m->na);
 }
 

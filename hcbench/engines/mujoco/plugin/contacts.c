@@ -203,27 +203,29 @@ static void shift_jointed(const mjModel* m, mjData* d, const double* impulse, co
     mju_copy(d->qvel, velocity, nv);
     mj_comVel(m, d);
   } else {
+    double *v = stack(d, 6 * (size_t)m->nbody), *turning = stack(d, 6 * (size_t)nv); /* of the step's velocities, as comVel left them */
+    mju_copy(v, d->cvel, 6 * m->nbody);
+    mju_copy(turning, d->cdof_dot, 6 * nv);
+    mj_rne(m, d, 0, from);
     mju_add(after, velocity, change, nv);
     bias_at(m, d, after, after);
-    bias_at(m, d, velocity, from);
+    mju_copy(d->qvel, velocity, nv);
+    mju_copy(d->cvel, v, 6 * m->nbody);
+    mju_copy(d->cdof_dot, turning, 6 * nv);
   }
   for (int j = 0; j < nv; j++) force[j] += is_lone(m, j) ? 0 : from[j] - after[j];
 }
 
-/* Adds to `force` what makes the step go on from the velocities after an impulse, as an impact does; `share`: how much of
-   the impulse's change of velocity is not in qvel yet. A step of Euler would turn by the velocities before the impact, and
+/* Adds to `force` what makes the step go on from the velocities after an impulse, as an impact does; `change`: what of the
+   impulse's change of velocity is not in qvel yet. A step of Euler would turn by the velocities before the impact, and
    RK4's second and third stage by those halfway: a spinning corner would part at the wrong speed. */
-static void shift_bias(const mjModel* m, mjData* d, const double* impulse, double share, double* force) {
+static void shift_bias(const mjModel* m, mjData* d, const double* impulse, const double* change, double* force) {
   int jointed = 0, lone = 0;
   for (int j = 0; j < m->nv; j++) {
     lone |= impulse[j] != 0 && is_lone(m, j);
     jointed |= impulse[j] != 0 && !is_lone(m, j);
   }
-  if ((!lone && !jointed) || share == 0) return;
   mj_markStack(d);
-  double* change = stack(d, m->nv);
-  mj_solveM(m, d, change, impulse, 1);
-  mju_scl(change, change, share, m->nv);
   if (lone) shift_lone(m, d, impulse, change, force);
   if (jointed) shift_jointed(m, d, impulse, change, force);
   mj_freeStack(d);
@@ -234,22 +236,37 @@ static void gravity_on(const mjModel* m, int body, double* out) {
   for (int i = 0; i < 3; i++) out[i] = off ? 0 : m->opt.gravity[i] * (1 - m->body_gravcomp[body]);
 }
 
-/* The force of gravity alone, shape (nv,); whether there is any. */
+/* The rate at which a point, at r from the centre of mass of the whole tree, moves with a degree of freedom. */
+static void moved_by(const mjData* d, int dof, const double* r, double v[3]) {
+  const double* w = d->cdof + 6 * dof;
+  v[0] = w[3] + (w[1] * r[2] - w[2] * r[1]);
+  v[1] = w[4] + (w[2] * r[0] - w[0] * r[2]);
+  v[2] = w[5] + (w[0] * r[1] - w[1] * r[0]);
+}
+
+/* The force of gravity alone, shape (nv,); whether there is any. A degree of freedom moves its body and all that hangs on it. */
 static int gravity_force(const mjModel* m, const mjData* d, double* force) {
-  double g[3];
+  double g[3], r[3], v[3];
   int any = 0;
   memset(force, 0, m->nv * sizeof(double));
+  for (int j = 0; j < m->nv && !m->ngravcomp; j++) {
+    int body = m->dof_bodyid[j];
+    gravity_on(m, body, g);
+    if (!dot(g, g) || !m->body_subtreemass[body]) continue;
+    mju_sub3(r, d->subtree_com + 3 * body, d->subtree_com + 3 * m->body_rootid[body]);
+    moved_by(d, j, r, v);
+    force[j] = m->body_subtreemass[body] * dot(v, g);
+    any = 1;
+  }
+  if (!m->ngravcomp) return any;
   for (int body = 1; body < m->nbody; body++) {
     int b = m->body_weldid[body];
     gravity_on(m, body, g);
     if (!dot(g, g) || !m->body_mass[body]) continue;
-    const double *com = d->subtree_com + 3 * m->body_rootid[body], *at = d->xipos + 3 * body;
-    double r[3] = {at[0] - com[0], at[1] - com[1], at[2] - com[2]};
+    mju_sub3(r, d->xipos + 3 * body, d->subtree_com + 3 * m->body_rootid[body]);
     for (int i = 0; i < 3; i++) g[i] *= m->body_mass[body];
     for (int j = m->body_dofadr[b] + m->body_dofnum[b] - 1; j >= 0; j = m->dof_parentid[j]) {
-      const double* w = d->cdof + 6 * j;
-      double v[3] = {w[3] + (w[1] * r[2] - w[2] * r[1]), w[4] + (w[2] * r[0] - w[0] * r[2]),
-                     w[5] + (w[0] * r[1] - w[1] * r[0])};
+      moved_by(d, j, r, v);
       force[j] += dot(v, g);
     }
     any = 1;

@@ -19,7 +19,7 @@
 #include "../../../laws/published.c"
 
 enum { ROWS = 10, NAME = 64 };
-enum { WARNED_FAST = 1, WARNED_WILD = 2, WARNED_UNSOUND = 4, WARNED_DEEPER = 8, WARNED_UNEVEN = 16, WARNED_SUNK = 32, WARNED_UNSTABLE = 64, WARNED_LATE = 128 }; /* of hcbench.restitution */
+enum { WARNED_FAST = 1, WARNED_WILD = 2, WARNED_UNSOUND = 4, WARNED_DEEPER = 8, WARNED_UNEVEN = 16, WARNED_SUNK = 32, WARNED_UNSTABLE = 64, WARNED_LATE = 128, WARNED_INSIDE = 256 }; /* of hcbench.restitution */
 
 static const char* const FORCE_NAME = "hcbench.hunt_crossley";
 static const char* const RESTITUTION_NAME = "hcbench.restitution";
@@ -47,7 +47,8 @@ typedef struct { /* an instance, in mjData.plugin_data */
   int is_force, tendon, pairs, *pair, linear, asked_for_e, warned, starts_off; /* starts_off: made with contacts off */
   char law[NAME];
   number stiffness, alpha, e;
-  double exponent, static_friction, dynamic_friction, slip_speed, lets; /* lets: how deep MuJoCo's contact would have gone, m */
+  double exponent, static_friction, dynamic_friction, slip_speed;
+  double lets, starts_in; /* how deep MuJoCo's contact would have gone, and its pair was where states do not follow one another, m */
   /* of the first instance: what all instances were read from (is_read), size bytes */
   char* source;
   size_t size;
@@ -302,7 +303,7 @@ static void destroy(mjData* d, int i) {
 /* Ends the step that is under way, and forgets what was before. */
 static void forget(instance* own) {
   own->stage = own->starts = own->stand = own->mocaps = own->bornes = 0;
-  own->lets = 0;
+  own->lets = own->starts_in = 0;
   own->seen = NAN;
 }
 
@@ -313,6 +314,7 @@ static void copy(mjData* to, const mjModel* m, const mjData* from, int i) {
   (void)m;
   forget(own);
   own->lets = other->lets;
+  own->starts_in = other->starts_in;
   own->seen = other->seen;
   copy_forces(own, other);
   if (!size) return;

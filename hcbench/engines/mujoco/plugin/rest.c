@@ -189,11 +189,10 @@ static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* 
 
 /* Lets MuJoCo's own contacts go on from the velocities after the impulses of others. Their rows ask for an acceleration from the
    velocity at the step's start, and the impulse is part of what accelerates: so a row would hold the speed from before the impact,
-   for any energy that takes. With v + J M^-1 p in place of v the row asks for J M^-1 p/h - B J M^-1 p more. */
-static void shift_own_contacts(const mjModel* m, mjData* d, const double* impulse, const blow* all, int count) {
+   for any energy that takes. With v + dv in place of v, for dv = M^-1 p, the row asks for J dv/h - B J dv more. */
+static void shift_own_contacts(const mjModel* m, mjData* d, const double* change, const blow* all, int count) {
   mj_markStack(d);
   int *has_law = ints(d, d->ncon), own = d->ncon;
-  double* change = stack(d, m->nv);
   memset(has_law, 0, d->ncon * sizeof(int));
   for (int i = 0; i < count; i++) {
     if (all[i].tendon >= 0 || has_law[all[i].contact]) continue;
@@ -204,7 +203,6 @@ static void shift_own_contacts(const mjModel* m, mjData* d, const double* impuls
     mj_freeStack(d);
     return;
   }
-  mj_solveM(m, d, change, impulse, 1);
   for (int k = 0; k < d->nefc; k++) {
     if (d->efc_type[k] < mjCNSTR_CONTACT_FRICTIONLESS || has_law[d->efc_id[k]]) continue;
     double *KBIP = d->efc_KBIP + 4 * k, more = (1 / m->opt.timestep - KBIP[1]) * along_solver_row(m, d, k, change);

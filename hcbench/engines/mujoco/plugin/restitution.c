@@ -132,6 +132,17 @@ static int gather(const mjModel* m, mjData* d, int first, blow* all) {
 
 #include "starts.c"
 
+/* The forces of gravity and of springs, which change by the place alone, so that flight keeps their energy; whether there are any.
+   Impacts keep it where they know of them: one against a spring that is not known of would gain energy at coarse steps. */
+static int force_in_flight(const mjModel* m, const mjData* d, double* force) {
+  int any = gravity_force(m, d, force);
+  for (int j = 0; j < m->nv; j++) {
+    force[j] += d->qfrc_spring[j];
+    any |= d->qfrc_spring[j] != 0;
+  }
+  return any;
+}
+
 /* The rows of a contact, and in u its rates without what its velocities and those of the equalities it meets differ by. */
 static hcb_rows rows_of(const mjModel* m, mjData* d, const tree_parts* t, const blow* b, double* u) {
   hcb_rows r = {.part = {-1, -1}};
@@ -161,9 +172,9 @@ static hcb_rows rows_of(const mjModel* m, mjData* d, const tree_parts* t, const 
   return r;
 }
 
-/* Contacts that touch, as what impacts.c works on; `of`: which of all, `u`: rates, `gains`: what gravity adds to them in
+/* Contacts that touch, as what impacts.c works on; `of`: which of all, `u`: rates, `gains`: what gravity and springs add to them in
    the step, `calm`: the speed that counts as rest. */
-static hcb_system make_system(const mjModel* m, mjData* d, const tree_parts* t, blow** of, int n, const double* gravity,
+static hcb_system make_system(const mjModel* m, mjData* d, const tree_parts* t, blow** of, int n, const double* falls,
                               double* u, double* gains, double* calm) {
   double h = m->opt.timestep;
   hcb_rows* rows = mj_stackAllocByte(d, (n + 1) * sizeof(hcb_rows), sizeof(double));
@@ -172,7 +183,7 @@ static hcb_system make_system(const mjModel* m, mjData* d, const tree_parts* t, 
     rows[i] = rows_of(m, d, t, of[i], u + 3 * i);
     c[i] = of[i]->law;
     memset(gains + 3 * i, 0, 3 * sizeof(double));
-    if (gravity) along_rows(t, rows[i].part, rows[i].B, gravity, gains + 3 * i);
+    if (falls) along_rows(t, rows[i].part, rows[i].B, falls, gains + 3 * i);
     for (int k = 0; k < 3; k++) gains[3 * i + k] *= h;
     double gained = -gains[3 * i];
     if (of[i]->tendon >= 0) c[i].still += HCB_STILL * fmax(0, gained);
@@ -214,8 +225,8 @@ static void add_turning(const mjModel* m, mjData* d, blow** of, int n, const dou
 }
 
 /* Impacts of contacts that touch, into `impulse`; which of them rest then, and slip how fast. impulse: NULL where none collides;
-   gravity: NULL without. */
-static void collide(const mjModel* m, mjData* d, int first, blow* all, int count, double* impulse, const double* gravity) {
+   falls: force_in_flight, NULL without. */
+static void collide(const mjModel* m, mjData* d, int first, blow* all, int count, double* impulse, const double* falls) {
   int n = 0;
   mj_markStack(d);
   blow** of = mj_stackAllocByte(d, (count + 1) * sizeof(blow*), sizeof(double));
@@ -226,7 +237,7 @@ static void collide(const mjModel* m, mjData* d, int first, blow* all, int count
   factor_held(m, d, &t);
   size_t rows = 3 * (size_t)n;
   double *u = stack(d, 4 * rows + n), *p = u + rows, *gains = p + rows, *slip = gains + rows, *calm = slip + rows;
-  hcb_system s = make_system(m, d, &t, of, n, gravity, u, gains, calm);
+  hcb_system s = make_system(m, d, &t, of, n, falls, u, gains, calm);
   double* work = stack(d, hcb_impacts_work(n, t.parts, m->nv));
   double within = m->opt.integrator == mjINT_RK4 ? 0 : 0.5; /* of the step, where impacts are (hcb_under_gravity) */
   for (size_t i = 0; i < rows; i++) u[i] += within * gains[i];
@@ -332,12 +343,11 @@ static int furthest_joint(const mjModel* m, const mjData* d, const double* veloc
    there are any. In them a step's Coriolis and centrifugal forces change the velocities, in the norm of kinetic energy, by
    more than that share, less what the tree has as a whole; those of bodies that equalities hold are in the equalities, so
    there the angle stands for it. A wheel may turn as fast as it likes. */
-static int find_wild(const mjModel* m, mjData* d, instance* memory, const double* impulse) {
+static int find_wild(const mjModel* m, mjData* d, instance* memory, const double* change) {
   int nv = m->nv, found = 0;
   mj_markStack(d);
   double *after = stack(d, nv), *momentum = stack(d, nv), *force = stack(d, nv), *acceleration_ = stack(d, nv);
-  mj_solveM(m, d, after, impulse, 1);
-  mju_addTo(after, d->qvel, nv);
+  mju_add(after, d->qvel, change, nv);
   if (furthest_joint(m, d, after, -1) >= 0) {
     double* still = momentum;
     mju_copy(acceleration_, d->qvel, nv);
@@ -352,15 +362,15 @@ static int find_wild(const mjModel* m, mjData* d, instance* memory, const double
     mj_solveM(m, d, acceleration_, force, 1);
     for (int tree = 0; tree < m->ntree; tree++) {
       int joint = furthest_joint(m, d, after, tree);
-      double before = 0, change = 0, share = HCB_FAST / m->opt.timestep;
+      double before = 0, bends = 0, share = HCB_FAST / m->opt.timestep;
       for (int k = 0; k < nv; k++) {
         if (m->dof_treeid[k] != tree) continue;
         before += momentum[k] * after[k];
-        change += force[k] * acceleration_[k];
+        bends += force[k] * acceleration_[k];
         if (m->jnt_type[m->dof_jntid[k]] != mjJNT_FREE || k - m->jnt_dofadr[m->dof_jntid[k]] >= 3) continue;
         before -= momentum[k] * momentum[k] / m->body_subtreemass[m->dof_bodyid[k]]; /* of the tree as a whole */
       }
-      if (memory->wild[tree] || joint < 0 || (d->ne == 0 && change <= share * share * before)) continue;
+      if (memory->wild[tree] || joint < 0 || (d->ne == 0 && bends <= share * share * before)) continue;
       memory->wild[tree] = found = 1;
       warn_of_turn(m, memory, m->jnt_bodyid[joint], turn_of(m, after, joint), 1);
     }
@@ -466,24 +476,45 @@ static void warn_of_depth(const mjModel* m, const blow* all, int count, instance
   }
 }
 
+static void warn_of_one_sunk(const mjModel* m, const mjData* d, const blow* b, int starts) {
+  int side = m->body_treeid[b->body[1]] >= 0;
+  char name[2][NAME];
+  describe(m, mjOBJ_BODY, b->body[side], name[0]);
+  describe(m, mjOBJ_BODY, b->body[!side], name[1]);
+  if (starts) {
+    mju_warning("plugin %s: body %s starts %.3g mm inside body %s, and may stay so, as a law does not lift it; MuJoCo's own contact "
+                "would: start it outside", RESTITUTION_NAME, name[0], 1e3 * b->x, name[1]);
+  } else {
+    mju_warning("plugin %s: body %s stands %.2g mm deep in body %s at %g s, more than %g mm deeper than on MuJoCo's own contact: set a "
+                "finer timestep than %g s, or let nothing crush it", RESTITUTION_NAME, name[0], 1e3 * b->x, name[1], d->time,
+                1e3 * HCB_DEEPER, m->opt.timestep);
+  }
+}
+
 /* Names once a body that stands deeper than MuJoCo's own contact would let it: after an approach u about a third of u in its time
-   constant, at rest about g times the square of a third of that. A state that does not follow the last one may be as deep as it is. */
+   constant, at rest about g times the square of a third of that. A state that does not follow the last one may be as deep as it is:
+   what is as deep a step later has started inside, and MuJoCo's own contact would lift it, by energy that a law does not have. */
 static void warn_of_sunk(const mjModel* m, const mjData* d, const blow* all, int count, instance* memory) {
   double h = m->opt.timestep, gravity = mju_norm3(m->opt.gravity);
   int follows = memory->seen == d->time || is_next(m, d, memory);
-  for (int i = 0; i < count && !(memory->warned & WARNED_SUNK); i++) {
+  const blow* deepest[2] = {NULL, NULL}; /* that sank, and that started inside */
+  for (int i = 0; i < count; i++) {
     const blow* b = all + i;
     if (b->tendon >= 0) continue;
-    double *lets = &instance_of(d, b->instance)->lets, least = m->opt.disableflags & mjDSBL_REFSAFE ? 0 : 2 * h;
+    instance* own = instance_of(d, b->instance);
+    double least = m->opt.disableflags & mjDSBL_REFSAFE ? 0 : 2 * h;
     double third = HCB_COARSE_FREE * (b->constant > 0 ? fmax(b->constant, least) : 1 / sqrt(fmax(-b->constant, mjMINVAL)));
-    *lets = larger(*lets, larger(-b->rate[0] * third, follows ? 0 : b->x));
-    if (!(b->x > larger(*lets, gravity * third * third) + HCB_DEEPER)) continue;
-    int side = m->body_treeid[b->body[1]] >= 0;
-    const char* name = mj_id2name(m, mjOBJ_BODY, b->body[side]);
-    memory->warned |= WARNED_SUNK;
-    mju_warning("plugin %s: body %d \"%s\" stands %.2g mm deep at %g s, more than %g mm deeper than on MuJoCo's own contact: set a finer "
-                "timestep than %g s, or let nothing crush it", RESTITUTION_NAME, b->body[side], name ? name : "", 1e3 * b->x, d->time,
-                1e3 * HCB_DEEPER, h);
+    own->lets = larger(own->lets, follows ? -b->rate[0] * third : fabs(b->rate[0]) * fmax(third, h));
+    own->starts_in = larger(own->starts_in, follows ? 0 : b->x);
+    if (!follows || !(b->x > larger(own->lets, gravity * third * third) + HCB_DEEPER)) continue;
+    const blow** one = deepest + (b->x <= own->starts_in + HCB_DEEPER);
+    if (!*one || b->x > (*one)->x) *one = b;
+  }
+  for (int starts = 0; starts < 2; starts++) {
+    int kind = starts ? WARNED_INSIDE : WARNED_SUNK;
+    if (!deepest[starts] || memory->warned & kind) continue;
+    memory->warned |= kind;
+    warn_of_one_sunk(m, d, deepest[starts], starts);
   }
 }
 
@@ -495,15 +526,17 @@ static int is_sound(const double* x, int n) {
   return 1;
 }
 
-/* Impulses of contacts that touch, without trees that they would let turn too fast; how many contacts are left. */
-static int collide_tame(const mjModel* m, mjData* d, int first, blow* all, int count, double* impulse) {
+/* Impulses of contacts that touch, without trees that they would let turn too fast, and in `change` what they change the velocities
+   by; how many contacts are left. */
+static int collide_tame(const mjModel* m, mjData* d, int first, blow* all, int count, double* impulse, double* change) {
   instance* memory = instance_of(d, first);
-  double* gravity = stack(d, m->nv);
-  int any = gravity_force(m, d, gravity);
+  double* falls = stack(d, m->nv);
+  int any = force_in_flight(m, d, falls);
   for (int wild = 1; wild;) {
     mju_zero(impulse, m->nv);
-    collide(m, d, first, all, count, impulse, any ? gravity : NULL);
-    wild = !memory->is_again && find_wild(m, d, memory, impulse);
+    collide(m, d, first, all, count, impulse, any ? falls : NULL);
+    mj_solveM(m, d, change, impulse, 1);
+    wild = !memory->is_again && find_wild(m, d, memory, change);
     count = leave_out_wild(m, memory, all, count);
   }
   return count;
@@ -514,14 +547,14 @@ static int collide_tame(const mjModel* m, mjData* d, int first, blow* all, int c
 static int add_impulses(const mjModel* m, mjData* d, int first, int stage, blow* all, int count) {
   instance* memory = instance_of(d, first);
   int nv = m->nv;
-  double *impulse = stage ? memory->impulse : stack(d, nv), *without = stack(d, nv);
+  double *impulse = stage ? memory->impulse : stack(d, nv), *without = stack(d, nv), *change = stack(d, nv);
   mju_copy(without, d->qfrc_passive, nv);
-  count = collide_tame(m, d, first, all, count, impulse);
+  count = collide_tame(m, d, first, all, count, impulse, change);
   int sound = is_sound(impulse, nv);
   if (sound) {
     mju_addToScl(d->qfrc_passive, impulse, 1 / m->opt.timestep, nv);
-    shift_bias(m, d, impulse, 1, d->qfrc_passive);
-    if (!stage) shift_velocity_forces(m, d, impulse, d->qfrc_passive);
+    shift_bias(m, d, impulse, change, d->qfrc_passive);
+    if (!stage) shift_velocity_forces(m, d, change, d->qfrc_passive);
   }
   if (!sound || !is_sound(d->qfrc_passive, nv)) {
     mju_zero(impulse, nv);
@@ -533,8 +566,8 @@ static int add_impulses(const mjModel* m, mjData* d, int first, int stage, blow*
     memory->warned |= WARNED_UNSOUND;
     return 0;
   }
-  if (stage) start_again(m, d, memory, impulse); /* RK4 has the velocities after the impulse in all its rows then */
-  if (!stage) shift_own_contacts(m, d, impulse, all, count);
+  if (stage) start_again(m, d, memory, change); /* RK4 has the velocities after the impulse in all its rows then */
+  if (!stage) shift_own_contacts(m, d, change, all, count);
   return count;
 }
 
@@ -575,13 +608,18 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
     if (collides) {
       count = add_impulses(m, d, first, stage, all, count);
     } else if (slides) {
-      double* gravity = stack(d, nv);
-      collide(m, d, first, all, count, NULL, gravity_force(m, d, gravity) ? gravity : NULL);
+      double* falls = stack(d, nv);
+      collide(m, d, first, all, count, NULL, force_in_flight(m, d, falls) ? falls : NULL);
     }
   } else {
     count = leave_out_wild(m, memory, all, count);
     for (int j = 0; j < nv; j++) d->qfrc_passive[j] += memory->impulse[j] / h;
-    shift_bias(m, d, memory->impulse, stage == 4 ? 0 : 0.5, d->qfrc_passive);
+    if (stage < 4) { /* which has half of the change in its velocities */
+      double* change = stack(d, nv);
+      mj_solveM(m, d, change, memory->impulse, 1);
+      mju_scl(change, change, 0.5, nv);
+      shift_bias(m, d, memory->impulse, change, d->qfrc_passive);
+    }
   }
   int loaded = is_loaded(m, d);
   for (int i = 0; i < count; i++) {

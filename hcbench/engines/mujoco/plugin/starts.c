@@ -2,7 +2,8 @@
    where that is above 0, and rows as stiff as those of rest.c leave no trace of their forces in these. Started from 0, PGS uses up its
    iterations on every step, with MuJoCo's own contact as well. So those accelerations are lowered by free fall, by which contacts close,
    and each row's D is what gives its force of the last step then: of a law's contacts as kept here, of others as MuJoCo would take it.
-   Nothing else of a step reads D under PGS. MuJoCo writes the accelerations anew at the step's end; a call that does not end a step,
+   Nothing else of a step reads D under PGS. An elliptic cone gives forces of each row by its own D where it is closed at once, even
+   against the row where D is below 0; and where it slides, all forces by the D of its normal. MuJoCo writes the accelerations anew at the step's end; a call that does not end a step,
    mj_forward or a stage of RK4, finds them lowered. */
 
 typedef struct borne { /* the forces of a law's contact in the last step */
@@ -11,7 +12,7 @@ typedef struct borne { /* the forces of a law's contact in the last step */
 } borne;
 
 static int starts_from_last(const mjModel* m, const mjData* d) {
-  return starts_at_rest(m, d) && m->opt.cone == mjCONE_PYRAMIDAL && !(m->opt.disableflags & mjDSBL_WARMSTART);
+  return starts_at_rest(m, d) && !(m->opt.disableflags & mjDSBL_WARMSTART);
 }
 
 static int are_equal(const double* a, const double* b, int n) {
@@ -92,6 +93,49 @@ static double opens_at(const mjModel* m, const mjData* d, int row, const double*
   return along_solver_row(m, d, row, acceleration_) - asks;
 }
 
+enum { OPEN, CLOSED, SLIDES }; /* zones of an elliptic cone */
+
+/* The zone in which a cone is whose rows open at these accelerations, and in `slip` how fast it slips, over its friction. */
+static int zone_of(const mjContact* c, const double* opens, double* slip) {
+  double normal = c->mu * opens[0], sum = 0;
+  for (int k = 1; k < c->dim; k++) sum += c->friction[k - 1] * c->friction[k - 1] * opens[k] * opens[k];
+  *slip = sqrt(sum);
+  if (normal >= c->mu * *slip) return OPEN;
+  return c->mu * normal + *slip <= 0 ? CLOSED : SLIDES;
+}
+
+/* The normal force of a cone that slips, for a D of 1 of its normal row. */
+static double sliding_force(const mjContact* c, double opens, double slip) {
+  return c->mu * (c->mu * slip - c->mu * opens) / (c->mu * c->mu * (1 + c->mu * c->mu));
+}
+
+/* The forces of an elliptic cone that MuJoCo would start from; D: of its rows. */
+static void cone_forces(const mjContact* c, const double* D, const double* opens, double* force) {
+  double slip;
+  int zone = zone_of(c, opens, &slip);
+  for (int k = 0; k < c->dim; k++) force[k] = zone == CLOSED ? -D[k] * opens[k] : 0;
+  if (zone != SLIDES) return;
+  force[0] = D[0] * sliding_force(c, opens[0], slip);
+  for (int k = 1; k < c->dim; k++) force[k] = -force[0] / slip * c->friction[k - 1] * c->friction[k - 1] * opens[k];
+}
+
+/* D of an elliptic cone's rows, so that it starts from these forces; where it cannot, from none. */
+static void set_cone(const mjContact* c, const double* opens, const double* force, double* D) {
+  double slip;
+  int zone = zone_of(c, opens, &slip);
+  for (int k = 0; k < c->dim; k++) D[k] = HCB_NO_FORCE;
+  if (zone == OPEN || !(force[0] > 0)) return;
+  if (zone == SLIDES) D[0] = force[0] / sliding_force(c, opens[0], slip);
+  for (int k = 0; k < c->dim && zone == CLOSED; k++) {
+    if (opens[k] != 0) D[k] = -force[k] / opens[k];
+  }
+}
+
+/* The contact whose elliptic cone has its first row here; NULL: none. */
+static const mjContact* cone_at(const mjData* d, int row) {
+  return d->efc_type[row] == mjCNSTR_CONTACT_ELLIPTIC ? d->contact + d->efc_id[row] : NULL;
+}
+
 /* Lets PGS start from the forces of the last step. Rows of equalities and of friction in joints, which push both ways, start as they
    come at the lowered accelerations. */
 static void start_from_last(const mjModel* m, mjData* d, instance* memory, const blow* all, int count) {
@@ -99,16 +143,26 @@ static void start_from_last(const mjModel* m, mjData* d, instance* memory, const
   int next = 0, others = d->ne + d->nf;
   if (!starts_from_last(m, d) || !lower_start(m, d, memory, &from)) return;
   mj_markStack(d);
-  double* force = stack(d, d->nefc);
-  for (int k = others; k < d->nefc; k++) force[k] = -d->efc_D[k] * opens_at(m, d, k, from);
+  double *force = stack(d, d->nefc), *opens = stack(d, d->nefc);
+  for (int k = others; k < d->nefc; k++) {
+    opens[k] = opens_at(m, d, k, from);
+    force[k] = -d->efc_D[k] * opens[k];
+  }
+  for (int k = others; k < d->nefc; k += cone_at(d, k) ? cone_at(d, k)->dim : 1) {
+    if (cone_at(d, k)) cone_forces(cone_at(d, k), d->efc_D + k, opens + k, force + k);
+  }
   for (int i = 0; i < count; i++) {
     const double* kept = borne_by(memory, all + i, &next);
     if (kept) mju_copy(force + all[i].row, kept, all[i].rows);
   }
-  for (int k = others; k < d->nefc; k++) {
-    double opens = opens_at(m, d, k, d->qacc_warmstart);
-    d->efc_D[k] = opens < 0 && force[k] > 0 ? -force[k] / opens : HCB_NO_FORCE;
-    copy_to_island(d, k);
+  for (int k = others; k < d->nefc; k++) opens[k] = opens_at(m, d, k, d->qacc_warmstart);
+  for (int k = others; k < d->nefc; k += cone_at(d, k) ? cone_at(d, k)->dim : 1) {
+    if (cone_at(d, k)) {
+      set_cone(cone_at(d, k), opens + k, force + k, d->efc_D + k);
+    } else {
+      d->efc_D[k] = opens[k] < 0 && force[k] > 0 ? -force[k] / opens[k] : HCB_NO_FORCE;
+    }
   }
+  for (int k = others; k < d->nefc; k++) copy_to_island(d, k);
   mj_freeStack(d);
 }

@@ -135,9 +135,8 @@ static void make_rows(const mjModel* m, const mjData* d, const tree_parts* t, co
     const double* com = d->subtree_com + 3 * m->body_rootid[b];
     double r[3] = {point[0] - com[0], point[1] - com[1], point[2] - com[2]}, *row = rows[own == part[0] ? 0 : 1];
     for (int j = m->body_dofadr[b] + m->body_dofnum[b] - 1; j >= 0; j = m->dof_parentid[j]) {
-      const double* w = d->cdof + 6 * j;
-      double v[3] = {w[3] + (w[1] * r[2] - w[2] * r[1]), w[4] + (w[2] * r[0] - w[0] * r[2]),
-                     w[5] + (w[0] * r[1] - w[1] * r[0])};
+      double v[3];
+      moved_by(d, j, r, v);
       for (int k = 0; k < count; k++) {
         double along = dot(directions + 3 * k, v);
         row[(size_t)k * part_size(t, own) + t->place[j]] += side ? along : -along;

@@ -77,14 +77,68 @@ static void implicit_forces(const mjModel* m, mjData* d, const double* velocity,
   mju_scl(out, out, 1 / HCB_NEAR, nv);
 }
 
-/* Adds to `force` what makes the step's dampers, fluids and servos those of the velocities after an impulse. */
-static void shift_velocity_forces(const mjModel* m, mjData* d, const double* impulse, double* force) {
+/* Whether all that changes with velocities, and that Euler takes at the step's start, is linear in them: joints, tendons and servos
+   without limits of force. */
+static int is_linear_under_euler(const mjModel* m) {
+  int off = m->opt.disableflags & (mjDSBL_ACTUATION | mjDSBL_EULERDAMP), bent = m->nflex > 0 || m->opt.density > 0 || m->opt.viscosity > 0;
+#ifdef HCB_DAMPER
+  off |= m->opt.disableflags & mjDSBL_DAMPER;
+#else
+  off |= m->opt.disableflags & mjDSBL_PASSIVE;
+#endif
+  if (m->opt.integrator != mjINT_EULER || off || m->opt.disableactuator) return 0;
+  for (int i = 0; i < HCB_ACTUATORS && !bent; i++) {
+    int bias = m->actuator_biastype[i];
+    bent = m->actuator_gaintype[i] != mjGAIN_FIXED || (bias != mjBIAS_NONE && bias != mjBIAS_AFFINE) || m->actuator_forcelimited[i];
+  }
+  for (int j = 0; j < m->njnt && !bent; j++) bent = m->nu > 0 && m->jnt_actfrclimited[j];
+  for (int k = 0; k < m->ntendon && !bent; k++) bent = m->nu > 0 && m->tendon_actfrclimited[k];
+#ifdef HCB_ACTUATOR_DAMPING
+  for (int j = 0; j < m->njnt && !bent; j++) bent = m->jnt_actuatorid[j] >= 0;
+  for (int j = 0; j < mjNPOLY * m->nv && !bent; j++) bent = m->dof_dampingpoly[j] != 0;
+  for (int k = 0; k < mjNPOLY * m->ntendon && !bent; k++) bent = m->tendon_dampingpoly[k] != 0;
+#endif
+  return !bent;
+}
+
+/* Adds -c J^T J x for a sparse row J. */
+static void damp_along(int count, const int* column, const double* row, double c, const double* x, double* force) {
+  double rate = 0;
+  for (int k = 0; k < count; k++) rate += row[k] * x[column[k]];
+  for (int k = 0; k < count; k++) force[column[k]] -= c * rate * row[k];
+}
+
+/* Adds to `force` what a change of the velocities changes of linear forces that Euler takes at the step's start: those of tendons
+   and servos, as joints are damped at its end. */
+static void shift_linear(const mjModel* m, mjData* d, const double* change, double* force) {
+  mj_markStack(d);
+  int* column = ints(d, m->nv);
+  double* value = stack(d, m->nv);
+  for (int i = 0; i < HCB_ACTUATORS; i++) {
+    const double* bias = m->actuator_biasprm + mjNBIAS * i;
+    int row = HCB_ACTUATOR_ROW(i), adr = d->moment_rowadr[row];
+    if (m->actuator_biastype[i] != mjBIAS_AFFINE) continue;
+    damp_along(d->moment_rownnz[row], d->moment_colind + adr, d->actuator_moment + adr, -bias[2], change, force);
+  }
+  for (int k = 0; k < m->ntendon; k++) {
+    if (m->tendon_damping[k] == 0) continue;
+    int count = tendon_columns(m, d, k, column, value);
+    damp_along(count, column, value, m->tendon_damping[k], change, force);
+  }
+  mj_freeStack(d);
+}
+
+/* Adds to `force` what makes the step's dampers, fluids and servos those of the velocities after an impulse, which changes them so. */
+static void shift_velocity_forces(const mjModel* m, mjData* d, const double* change, double* force) {
   int nv = m->nv;
   if (!has_velocity_forces(m) || m->opt.integrator == mjINT_RK4) return; /* RK4: again.c */
+  if (is_linear_under_euler(m)) {
+    shift_linear(m, d, change, force);
+    return;
+  }
   mj_markStack(d);
   double *velocity = stack(d, nv), *moved = stack(d, nv), *before = stack(d, nv), *after = stack(d, nv);
-  double *taken = stack(d, nv), *passive = stack(d, nv), *change = stack(d, nv);
-  mj_solveM(m, d, change, impulse, 1);
+  double *taken = stack(d, nv), *passive = stack(d, nv);
   mju_copy(velocity, d->qvel, nv);
   mju_copy(passive, d->qfrc_passive, nv);
   mju_add(moved, velocity, change, nv);

@@ -3,8 +3,7 @@
 from functools import partial
 
 from hcbench.engines.mujoco.recipes.compliant import COMPLIANT, COMPLIANT_PAIRS
-from hcbench.engines.mujoco.recipes.constant_e import IMPULSE, SPRING_DAMPER
-from hcbench.engines.mujoco.recipes.soft import SOFT
+from hcbench.engines.mujoco.recipes.one_row import IMPULSE, SOFT, SPRING_DAMPER
 from hcbench.engines.mujoco.recipes.staggered import STAGGERED
 from hcbench.engines.mujoco.recipes.staggered_push import STAGGERED_PUSH
 from hcbench.engines.mujoco.recipes.two_pair import TWO_PAIR

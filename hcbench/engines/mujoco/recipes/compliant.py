@@ -83,8 +83,9 @@ def half_period_steps(corners: float) -> int:
 def whole_step_row(restitution: float, timestep: float, corners: float = 1) -> ConstraintRow:
     """A linear spring and damper that turns v into -e v in n whole steps, exactly without gravity.
 
+    restitution: e. timestep: h, s. corners: that meet at once and share the row.
     The step v+ = v - h (K x + D v), x+ = x + h v+ multiplies by exp(±i π/n) √c, c = 1 - D h: after
-    n steps by -c^(n/2) = -e. Per unit mass, shared by `corners` that meet at once.
+    n steps by -c^(n/2) = -e. Per unit mass.
     """
     n = half_period_steps(corners)
     stiffness, damping = oscillator(n, 1.0 - restitution ** (2.0 / n))
@@ -103,19 +104,18 @@ def spring_and_damper_rows(
     rk4: bool = False,
     points: int = 0,
 ) -> list[ConstraintRow]:
-    """Two rows with this e over a band of impact speeds (m/s), for two
-    <pair>s of the same two geoms.
+    """Two rows with this e over a band of impact speeds, for two <pair>s of the same two geoms.
 
-    A soft linear spring of a few steps half period, and a damper whose impedance grows with
-    depth. All their numbers are searched for in a model of the two rows that equals MuJoCo's
-    step, gravity included (m/s², into the plate), to the least largest error over speeds and
-    phases. Per unit mass: the same for any mass.
-
+    A soft linear spring of a few steps half period, and a damper whose impedance grows with depth.
+    All their numbers are searched for in a model of the two rows that equals MuJoCo's step, gravity
+    included, to the least largest error over speeds and phases. Per unit mass: the same for any
+    mass.
+    curve: e over speed. speeds: lowest and highest of the band, m/s.
+    timestep: s. gravity: m/s², into the plate.
     corners: of a body that meet at once, or how much more a row does there than on a ball.
     adhesive: whether the damper may pull (MuJoCo 3.11 and later).
     rk4: that integrator, else Euler's.
     points: corners that meet at once, where `corners` says something else; 0: those.
-
     Raises SearchInterrupted with the best so far.
     """
     low, high = speeds
@@ -174,9 +174,11 @@ def pushing_row(
     gravity: float,
     corners: int = 1,
 ) -> ConstraintRow:
-    """One row that only pushes, and comes as near to this e over a band of
-    impact speeds (m/s) as one e can.
+    """One row that only pushes, and comes as near to this e over a band of impact speeds as one e
+    can.
 
+    curve: e over speed. speeds: lowest and highest of the band, m/s. timestep: s. gravity: m/s²,
+    into the plate. corners: that meet at once.
     Half period and damping of a linear spring and damper, searched for with gravity and over all
     phases: where its last step would pull, a whole number n of steps gives e^(2/n) instead of e.
     Per unit mass. Raises SearchInterrupted with the best so far.
@@ -260,8 +262,8 @@ def compliant_options(rows: list[ConstraintRow], target: Target, integrator: str
 def compliant(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     """Options of a setting: one soft row of a few steps, as near to the target as one e can be.
 
-    target: e over a band of speeds, time step, gravity and friction. Raises SearchInterrupted with
-    the best options so far.
+    target: e over a band of speeds, time step, gravity and friction. integrator: that the options
+    name. Raises SearchInterrupted with the best options so far.
     """
     band = target.speed_min, target.speed_max
     with map_result(lambda row: compliant_options([row], target, integrator)):
@@ -272,12 +274,12 @@ def compliant(target: Target, integrator: str = "Euler") -> dict[str, Any]:
 def compliant_pairs(
     target: Target, integrator: str = "Euler", adhesive: bool | None = None
 ) -> dict[str, Any]:
-    """Options of a setting: two rows with an e that falls with speed.
+    """Options of a setting, by name: two rows with an e that falls with speed.
 
-    adhesive: whether the damper may pull; None for what the installed MuJoCo can do.
-
-    Raises SettingError for a target without loss or without bounce, SearchInterrupted with the
-    best options so far.
+    target: e over a band of speeds, time step, gravity and friction. integrator: that the options
+    name. adhesive: whether the damper may pull; None for what the installed MuJoCo can do.
+    Raises SettingError for a target without loss or without bounce, SearchInterrupted with the best
+    options so far.
     """
     lowest = float(target.restitution(target.speed_max))
     if not 0 < lowest < 1:

@@ -5,6 +5,8 @@ Sections are those of MuJoCo's documentation.
 
 from __future__ import annotations
 
+import ctypes
+import functools
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -12,6 +14,8 @@ import numpy as np
 
 from hcbench.engines.mujoco.recipes.common import SPRING_SOLIMP
 from hcbench.engines.mujoco.scene.rows import MIN_IMPEDANCE, ConstraintRow
+from hcbench.system.compiler import build
+from hcbench.system.errors import HcbenchError
 from hcbench.terms.impact import Floats
 
 # Weight of the spring in MuJoCo's sums.
@@ -67,7 +71,10 @@ class _Rows(NamedTuple):
         return _Rows(*(column.take(which) for column in self))
 
     def impedance(self, penetration: Floats) -> Floats:
-        """d(r) of the damper, "Impedance": a sigmoid from dmin to dmax as r grows to the width."""
+        """d(r) of the damper, "Impedance": a sigmoid from dmin to dmax as r grows to the width.
+
+        penetration: r, in v h, (m,), as are the widths.
+        """
         u = np.clip(penetration / self.width, 0.0, 1.0)
         early = u <= self.midpoint
         sigmoid = np.where(early, u, 1.0 - u)
@@ -120,30 +127,57 @@ class RowFit:
             midpoint,
         )
 
-    def errors(self, parameters: Floats) -> Floats:
-        """Error of each of p settings, (p, 6) to (p,): the largest of e, and penalties.
+    def errors(self, parameters: Floats, limits: Floats) -> Floats:
+        """Error of each of p settings, (p,): the largest of e, and penalties.
 
-        Added are what the contact is deeper than it may be, and a large share of what the largest e
-        is above 0.995 or the target's: a setting that gains energy is never the best.
+        parameters: (p, 6), half period in steps and logs of the rest. Added are what the contact is
+        deeper than it may be, and a large share of what the largest e is above 0.995 or the
+        target's: a setting that gains energy is never the best.
+        limits: (p,), above which any number will do.
         """
-        e, deepest = self._simulate(self.numbers(parameters))
+        numbers = self.numbers(parameters)
+        library = _library()
+        if library is None:
+            return self._errors(numbers)
+        errors = np.empty(len(parameters))
+        columns = np.stack(self._columns(numbers), axis=1)
+        limits = np.ascontiguousarray(limits, dtype=np.float64)
+        arrays = (columns.ctypes.data, len(columns), limits.ctypes.data, errors.ctypes.data)
+        library.row_errors(ctypes.byref(_Goal.of(self)), *arrays)
+        return errors
+
+    @property
+    def largest_e(self) -> float:
+        """e above which settings are worse by what it is above."""
+        return max(LARGEST_E, float(np.nanmax(self.target)))
+
+    @property
+    def followed(self) -> int:
+        """Steps for which a launch is followed."""
+        return int(_FOLLOWED * self.highest[0])
+
+    def _errors(self, numbers: tuple[Floats, ...]) -> Floats:
+        """Errors of p settings, (p,), whatever their limits, without the library. numbers: as of
+        `numbers`.
+        """
+        e, deepest = self._simulate(numbers)
         in_band = ~np.isnan(self.target)
         target = self.target[in_band]
         error: Floats = np.abs(e[:, in_band] - target).max(axis=1)
-        gained = np.maximum(0.0, e.max(axis=1) - max(LARGEST_E, target.max()))
+        gained = np.maximum(0.0, e.max(axis=1) - self.largest_e)
         error += np.maximum(0.0, deepest[:, in_band].max(axis=1) - _DEEPEST) + COSTS * gained
         return error
 
-    def _rows(self, numbers: tuple[Floats, ...]) -> _Rows:
-        """The rows of all launches under each of p settings, shape (p n,), a setting after the
-        other.
+    def _columns(self, numbers: tuple[Floats, ...]) -> _Rows:
+        """The rows of p settings, shape (p,).
 
-        numbers: six columns, (p,) each, as `RowFit.numbers` gives them.
+        numbers: six columns, (p,) each: K h² and D h of the spring; D h, dmax, width/(v h) and
+        midpoint of the damper.
         """
         stiffness, spring_damping, damping, dmax, width, midpoint = numbers
         # In MuJoCo's reference k = K d/dmax² and b = D/dmax; the spring has d = dmax = dmin.
         weight = self.corners * _WEIGHT / MIN_IMPEDANCE
-        columns = (
+        return _Rows(
             weight * stiffness,
             weight * spring_damping,
             damping / dmax,
@@ -154,14 +188,16 @@ class RowFit:
             (dmax - MIN_IMPEDANCE) * (1.0 / midpoint ** (POWER - 1.0)),
             (dmax - MIN_IMPEDANCE) * (1.0 / (1.0 - midpoint) ** (POWER - 1.0)),
         )
-        return _Rows(*(np.repeat(column, len(self.speeds)) for column in columns))
 
     def _simulate(self, numbers: tuple[Floats, ...]) -> tuple[Floats, Floats]:
         """(e of each launch, 0 where it has not parted; largest penetration over v h); (p, n) each.
 
-        numbers: of p settings, as `numbers` gives them.
+        numbers: six columns, (p,) each: K h² and D h of the spring; D h, dmax, width/(v h) and
+        midpoint of the damper.
         """
-        rows = self._rows(numbers)
+        # Those of all launches, a setting after the other.
+        columns = self._columns(numbers)
+        rows = _Rows(*(np.repeat(column, len(self.speeds)) for column in columns))
         g = self.fall
         settings = len(numbers[0])
         launches = len(self.speeds)
@@ -181,7 +217,7 @@ class RowFit:
         # Of those still in contact: their number among all, and the largest penetration until now.
         number = np.arange(x.size)
         deep = x.copy()
-        for _ in range(int(_FOLLOWED * self.highest[0])):
+        for _ in range(self.followed):
             x, v = self._step(rows, x, v)
             np.maximum(deep, x, out=deep)
             is_open = (x <= 0.0) & (v < 0.0)
@@ -265,3 +301,67 @@ class RowFit:
             ConstraintRow.direct(stiffness, spring_damping, SPRING_SOLIMP),
             ConstraintRow.direct(0.0, damping, solimp, adhesion=adhesion),
         ]
+
+
+class _Goal(ctypes.Structure):
+    """`Goal` of row_errors.c, which says what its fields are."""
+
+    _fields_ = (
+        ("speeds", ctypes.c_void_p),
+        ("phases", ctypes.c_void_p),
+        ("target", ctypes.c_void_p),
+        ("launches", ctypes.c_int),
+        ("steps", ctypes.c_int),
+        ("adhesive", ctypes.c_int),
+        ("rk4", ctypes.c_int),
+        ("fall", ctypes.c_double),
+        ("corners", ctypes.c_double),
+        ("spring_weight", ctypes.c_double),
+        ("least_impedance", ctypes.c_double),
+        ("deepest", ctypes.c_double),
+        ("largest_e", ctypes.c_double),
+        ("costs", ctypes.c_double),
+    )
+    arrays: list[Floats]
+
+    @classmethod
+    def of(cls, fit: RowFit) -> _Goal:
+        """The goal of a fit, valid as long as this object."""
+        arrays = [
+            np.ascontiguousarray(each, dtype=np.float64)
+            for each in (fit.speeds, fit.phases, fit.target)
+        ]
+        speeds, phases, target = (each.ctypes.data for each in arrays)
+        goal = cls(
+            speeds=speeds,
+            phases=phases,
+            target=target,
+            launches=len(fit.speeds),
+            steps=fit.followed,
+            adhesive=fit.adhesive,
+            rk4=fit.rk4,
+            fall=fit.fall,
+            corners=fit.corners,
+            spring_weight=fit.corners * _WEIGHT,
+            least_impedance=MIN_IMPEDANCE,
+            deepest=_DEEPEST,
+            largest_e=fit.largest_e,
+            costs=COSTS,
+        )
+        # What its fields point into.
+        goal.arrays = arrays
+        return goal
+
+
+@functools.cache
+def _library() -> ctypes.CDLL | None:
+    """The errors in C; None where they cannot be compiled."""
+    try:
+        library = ctypes.CDLL(str(build("engines/mujoco/recipes/row_errors.c")))
+    # Without a compiler or on a full disk NumPy does it.
+    except (HcbenchError, OSError):
+        return None
+    pointer = ctypes.c_void_p
+    library.row_errors.argtypes = [pointer, pointer, ctypes.c_int, pointer, pointer]
+    library.row_errors.restype = None
+    return library

@@ -330,10 +330,11 @@ def _short(number: float) -> float:
 def staggered(
     target: Target, integrator: str = "Euler", misfit: float = 0.004, impedance: float = 0.5
 ) -> dict[str, Any]:
-    """Options of a setting: eq. (16) as staggered springs and dampers, in closed form.
+    """Options of a setting, by name: eq. (16) as staggered springs and dampers, in closed form.
 
-    misfit: how far the springs' straight lines may be off k xⁿ, relative. impedance: the highest of
-    the dampers. Raises SettingError for an impedance outside 1e-3 ... 0.5.
+    integrator: that the options name, and that the rows are for. misfit: how far the springs'
+    straight lines may be off k xⁿ, relative. impedance: the highest of the dampers. Raises
+    SettingError for an impedance outside 1e-3 ... 0.5.
     """
     return rows_options(integrator, *staggered_rows(target, integrator, misfit, impedance))
 
@@ -341,12 +342,12 @@ def staggered(
 def staggered_rows(
     target: Target, integrator: str = "Euler", misfit: float = 0.004, impedance: float = 0.5
 ) -> list[ConstraintRow]:
-    """The pairs: springs from the shallowest on, then dampers.
+    """The rows of eq. (16), one <pair> each: springs from the shallowest on, then dampers.
 
+    integrator: under Euler's kinds rates lag positions by half a step, which the rows make up for.
     misfit: how far the springs' straight lines may be off k x^n, relative; fewer pairs for more.
     impedance: the highest of the dampers; lower, such as 0.05, for a body that several others press
     at once, as all rows share in it, at the price of a little more damping at touch.
-
     Raises SettingError for an impedance outside 1e-3 ... 0.5.
     """
     if not 10 * MIN_IMPEDANCE <= impedance <= 0.5:

@@ -201,8 +201,9 @@ def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGues
     """Rows to start a fit from: dampers that add up to the law's damping on the way in, with
     springs that let them act on the way out, and more springs that make up the rest.
 
-    knots: where those more springs start, m; they come first in the rows.
-    guess: how many dampers, and their impedances.
+    samples: of the law's force, to which the springs are fitted last. band: of depths that the rows
+    serve. knots: where those more springs start, m; they come first in the rows. guess: how many
+    dampers, and their impedances.
     """
     law = band.law
     low = band.low
@@ -396,11 +397,11 @@ _WORST = 25.0
 # Engines that simulate these rows ask for the same ones.
 @lru_cache(maxsize=16)
 def staggered_push(target: Target, integrator: str = "Euler") -> dict[str, Any]:
-    """Options of a setting: eq. (16) by rows that never pull, springs from the shallowest on, then
-    dampers.
+    """Options of a setting, by name: eq. (16) by rows that never pull, springs from the shallowest
+    on, then dampers.
 
-    The best of several starts, fitted again with what Euler's own steps add to e.
-
+    integrator: that the options name, and that the rows are for. The best of several starts, fitted
+    again with what Euler's own steps add to e.
     Raises SettingError where such rows cannot have the law, and for a law without loss.
     """
     law = resolvable_law(target)

@@ -113,10 +113,11 @@ def contact_duration(target: Target) -> float:
 
 
 def two_pair(target: Target, integrator: str = "Euler") -> dict[str, Any]:
-    """Options of a setting: a spring pair and a damper pair with any restitution that falls with
-    speed.
+    """Options of a setting, by name: a spring pair and a damper pair with any restitution that
+    falls with speed.
 
-    Errors are those of `two_pair_rows`.
+    integrator: that the options name. Raises SettingError for a target without loss or without
+    bounce, SearchInterrupted with the best options so far.
     """
     with map_result(lambda rows: rows_options(integrator, *rows)):
         return rows_options(integrator, *two_pair_rows(target))
@@ -125,8 +126,8 @@ def two_pair(target: Target, integrator: str = "Euler") -> dict[str, Any]:
 def two_pair_rows(target: Target) -> list[ConstraintRow]:
     """The spring and the damper, fitted to the target's e without gravity, from up to two starts.
 
-    Raises SettingError for a target without loss or without bounce, SearchInterrupted with the best
-    so far.
+    target: its α or curve, band of speeds, mass and step. Raises SettingError for a target without
+    loss or without bounce, SearchInterrupted with the best so far.
     """
     # SciPy's optimisation is slow to import.
     from scipy.optimize import least_squares

@@ -46,8 +46,8 @@ Z = 2
 def stays_on_axis(mujoco: Any, model: Any) -> bool:
     """Say whether the ball of a model, which at qpos0 just touches, cannot leave the vertical.
 
-    Expects one free joint, and contact through explicit <pair>s, tendon
-    limits, or one pair of geoms.
+    mujoco: the module. model: compiled, of one ball on a free joint, with contact through explicit
+    <pair>s, tendon limits, or one pair of geoms.
     """
     joint = model.jnt_bodyid[0]
     geoms = np.flatnonzero(model.geom_bodyid == joint)
@@ -64,8 +64,10 @@ def stays_on_axis(mujoco: Any, model: Any) -> bool:
 
 
 def _solves_well(mujoco: Any, model: Any) -> bool:
-    """Say whether the solver may iterate until it converges: stopped early,
-    it moves a free ball otherwise.
+    """Say whether the solver may iterate until it converges: at least as often, and to as small a
+    tolerance, as MuJoCo does by default. Stopped early, it moves a free ball otherwise.
+
+    mujoco: the module. model: MjModel.
     """
     option = model.opt
     usual = mujoco.MjOption()
@@ -115,7 +117,10 @@ def collidable_pairs(model: Any, moving: NDArray[np.bool_]) -> list[tuple[int, i
 
 
 def _touches_below(mujoco: Any, model: Any) -> bool:
-    """Say whether all that the ball can touch are fixed horizontal planes, without friction."""
+    """Say whether all that the ball can touch are fixed horizontal planes, without friction.
+
+    mujoco: the module. model: MjModel.
+    """
     return all(
         dim == 1
         and model.geom_type[other] == mujoco.mjtGeom.mjGEOM_PLANE
@@ -126,7 +131,10 @@ def _touches_below(mujoco: Any, model: Any) -> bool:
 
 
 def _pulls_along(mujoco: Any, model: Any) -> bool:
-    """Say whether all tendons hold the ball, and run along the axis: between sites on it."""
+    """Say whether all tendons hold the ball, and run along the axis: between sites on it.
+
+    mujoco: the module. model: MjModel, whose first joint is the ball's.
+    """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     sites = model.wrap_objid[model.wrap_type == mujoco.mjtWrap.mjWRAP_SITE]
@@ -154,9 +162,10 @@ def island_flag(mujoco: Any) -> int:
 
 
 def replace_free_joint(mujoco: Any, spec: Any, height: float) -> None:
-    """Free joints made slides along z, whose position is the height of the body's centre.
+    """Make free joints of a spec slides along z, whose position is the height of the body's centre.
 
-    Done after reading, as a <freejoint> takes nothing from default classes and a slide would.
+    mujoco: the module. spec: MjSpec, changed. height: of the centre at qpos0, m. Done after
+    reading, as a <freejoint> takes nothing from default classes and a slide would.
     """
     for joint in spec.joints:
         joint.type = mujoco.mjtJoint.mjJNT_SLIDE
@@ -168,8 +177,7 @@ def copy_inverse_weights(mujoco: Any, model: Any, free: Any) -> None:
     """Give balls on slides the inverse masses that MuJoCo computes of a free ball.
 
     model: of balls on slides; changed. free: of one free ball. Also sets the solver, where a ball
-    is
-    never in more than one constraint: to one sweep of Gauss and Seidel, the same to rounding.
+    is never in more than one constraint: to one sweep of Gauss and Seidel, the same to rounding.
     """
     body = int(free.jnt_bodyid[0])
     size = model.njnt
@@ -248,7 +256,8 @@ class BatchedModel:
     def unpack(self, packed: Floats, states: Floats) -> Floats:
         """`states`, (b, nstate), with the time, positions and velocities of the batch's states.
 
-        packed: (rows, nstate of the batch), as `pack` makes them. The result is a copy.
+        packed: states of the batch, (rows, nstate of the batch), several balls in each row. The
+        result is a copy.
         """
         if self.whole:
             return packed.copy()

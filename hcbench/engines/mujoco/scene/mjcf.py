@@ -189,10 +189,10 @@ def option_attributes(setting: Setting) -> dict[str, str]:
 
 
 def pairs_text(rows: Sequence[ConstraintRow], pair: tuple[str, str], indent: str = "") -> str:
-    """Text of the rows, a line each: a <pair> of two geoms, of these names.
+    """Text of the rows, a line each: a <pair> of two geoms.
 
-    Each attribute that matters is written even where it is MuJoCo's default, as a model's
-    <default><pair> may have another.
+    pair: names of the geoms. indent: blanks before each line. Each attribute that matters is
+    written even where it is MuJoCo's default, as a model's <default><pair> may have another.
     """
     pulls = any(row.adhesion for row in rows)
     lines = []
@@ -348,7 +348,7 @@ def pair_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) -
 
 
 def limit_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) -> dict[str, str]:
-    """A row as attributes of a tendon; its onset is in the tendon's range.
+    """A row as attributes of a tendon, by their names; its onset is in the tendon's range.
 
     number: writes one.
     """

@@ -116,8 +116,12 @@ def _at_parting(push: Push, x: float, v: float, step: float) -> float:
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2
         at_x, at_v, *_ = _step(push, x, v, middle)
-        low, high = (low, middle) if at_v < 0.0 and push(at_x, at_v) <= 0.0 else (middle, high)
-    return _step(push, x, v, high)[1]
+        if at_v < 0.0 and push(at_x, at_v) <= 0.0:
+            high = middle
+        else:
+            low = middle
+    _, leaves_at, _, _ = _step(push, x, v, high)
+    return leaves_at
 
 
 if TYPE_CHECKING:
@@ -298,18 +302,20 @@ def acceleration(
         d *= depth
         np.add(d, row.damping / dw * v, out=reference[i])
     may_pull = np.array([row.adhesion != 0.0 for row in rows]).reshape(-1, *[1] * np.ndim(x))
-    return combine(reference, weights, may_pull, 0, gravity)[0]
+    acceleration, _ = combine(reference, weights, may_pull, 0, gravity)
+    return acceleration
 
 
 def restitution(
     rows: Sequence[ConstraintRow], timestep: float, speeds: Floats, phases: int, duration: float
 ) -> Floats:
-    """e under MuJoCo's Euler step, v+ = v - h a, x+ = x + h v+; shape
-    (speeds, phases), NaN if still closed.
+    """e under MuJoCo's Euler step, v+ = v - h a, x+ = x + h v+; shape (speeds, phases), NaN if
+    still closed.
 
+    rows: one or more, per unit mass. timestep: h, s.
     speeds: m/s, shape (n,).
     phases: where in a step the contact starts, so many, evenly.
-    duration: s.
+    duration: of the contact at most, s. Without gravity.
     """
     phase = (np.arange(phases) + 0.5) / phases
     v_i, before = (grid.copy() for grid in np.meshgrid(speeds, phase, indexing="ij"))
@@ -352,7 +358,7 @@ class SoftConstraint:
 
     def stiffness_damping(self) -> tuple[float, float]:
         """(k, b), 1/s^2 and 1/s, of the push d (k d x + b v)."""
-        dw = self._solimp()[1]
+        _, dw, _, _, _ = self._solimp()
         first, second = self.solref
         if first > 0:
             constant = max(first, self.shortest)

@@ -110,7 +110,8 @@ def _check_touch(mujoco: Any, model: Any, joint: int, scene: Scene, options: Opt
     """Require that ball and plate just touch at qpos0, with the scene's radii: a ball lowered by
     _OVERLAP must be so deep in the plate.
 
-    joint: number of the ball's free joint. Raises SceneError where it is not.
+    mujoco: the module. joint: number of the ball's free joint. options: of the setting; the first
+    row of a cup begins at its onset. Raises SceneError where they do not just touch.
     """
     data = mujoco.MjData(model)
     data.qpos[int(model.jnt_qposadr[joint]) + 2] -= _OVERLAP
@@ -128,10 +129,11 @@ def _check_touch(mujoco: Any, model: Any, joint: int, scene: Scene, options: Opt
 
 
 def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
-    """Require that off the plate only gravity acts on the ball: what else changes its
-    momentum would pass for contact.
+    """Require that off the plate only gravity acts on the ball: what else changes its momentum
+    would pass for contact.
 
-    joint: number of the ball's free joint. Raises SceneError where something else does.
+    mujoco: the module. joint: number of the ball's free joint. Raises SceneError where something
+    else does.
     """
     path = str(model_path(scene))
     body = int(model.jnt_bodyid[joint])
@@ -141,7 +143,8 @@ def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
     data.qpos[model.jnt_qposadr[joint] + 2] += _CLEAR * scene.ball_radius
     dof = int(model.jnt_dofadr[joint])
     data.qvel[dof + 2] = -_THROWN
-    data.xfrc_applied[body, 2] = pushed = scene.mass * _PUSHED
+    pushed = scene.mass * _PUSHED
+    data.xfrc_applied[body, 2] = pushed
     mujoco.mj_forward(model, data)
     expected = np.array([0.0, 0.0, _PUSHED - scene.gravity, 0.0, 0.0, 0.0])
     off = np.abs(data.qacc[dof : dof + 6] - expected).max()
@@ -159,8 +162,8 @@ def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
 def _find_ball(mujoco: Any, model: Any, scene: Scene) -> int:
     """Number of the free joint of the body `ball`, after checks of this body.
 
-    Raises SceneError where it is not on a free joint, not the scene's sphere, not centred on its
-    geom or not as heavy as the scene says.
+    mujoco: the module. Raises SceneError where the body is not on a free joint, not the scene's
+    sphere, not centred on its geom or not as heavy as the scene says.
     """
     path = str(model_path(scene))
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "ball")

@@ -53,7 +53,7 @@ _ROUND_OFF = ROUND_OFF_STEP * np.finfo(float).eps
 def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:
     """MuJoCo's full states at release, (b, nstate): above the touch by each launch's clearance.
 
-    Raises SettingError for a height that a cup has no room for.
+    launches: b of them. Raises SettingError for a height that a cup has no room for.
     """
     sent = Launches.of(launches)
     gaps = sent.clearance(model.timestep)
@@ -402,7 +402,7 @@ class BatchPool:
         return BatchedModel(self.model.model, 1, self.model.at, sliding=False)
 
     def batch(self, size: int) -> BatchedModel:
-        """The model of so many balls."""
+        """The compiled model of `size` balls; compiled once."""
         if size not in self.batches:
             one = size == 1 and not self.sliding
             self.batches[size] = (

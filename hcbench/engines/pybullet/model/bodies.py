@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.engines.pybullet.backend import BulletClient
+from hcbench.engines.pybullet.backend import MASS, BulletClient
 from hcbench.terms.impact import Floats
 
 if TYPE_CHECKING:
@@ -66,9 +66,8 @@ JOINT_TYPE = 2
 LINK_NAME = 12
 AXIS = 13
 PARENT = 16
-# Places in getDynamicsInfo: mass, kg; inertia, kg m², about the main axes; and the frame of these
-# axes in that of the link.
-_MASS = 0
+# Places in getDynamicsInfo: inertia, kg m², about the main axes; and the frame of these axes in
+# that of the link.
 _INERTIA = 2
 _FRAME_POSITION = 3
 _FRAME_QUATERNION = 4
@@ -109,7 +108,7 @@ class BulletBody:
         self.joints = [bullet.getJointInfo(number, j) for j in range(bullet.getNumJoints(number))]
         base = bullet.getDynamicsInfo(number, -1)
         # A fixed base has a mass of 0.
-        self.mass = base[_MASS]
+        self.mass = base[MASS]
         self.inertia = base[_INERTIA]
         can_bend = any(joint[JOINT_TYPE] != FIXED for joint in self.joints)
         # A free body with fixed joints has more than one inertia: its tree adds them up.
@@ -181,7 +180,8 @@ class BulletBody:
 
     def joint_axis(self, joint: int) -> Vector:
         """A joint's axis in the world, as long as in the model."""
-        return rotate(self.pose(joint)[1], self.joints[joint][AXIS])
+        _, quaternion = self.pose(joint)
+        return rotate(quaternion, self.joints[joint][AXIS])
 
     def response(self, link: int, point: Vector, direction: Vector) -> Response | None:
         """(reach, acceleration) of each degree of freedom by a unit force; None for a fixed body.
@@ -231,7 +231,7 @@ class JointTree:
         # a link's rows of the Jacobian.
         inertias = []
         for info in infos:
-            mass = info[_MASS]
+            mass = info[MASS]
             inertias.append((mass, mass, mass, *info[_INERTIA]))
         self._inertia = np.sqrt(inertias)
         # Each joint's origin in its link's centre of mass frame, m.
@@ -366,7 +366,11 @@ class ContactRow:
 def contact_row(
     first: tuple[BulletBody, int], second: tuple[BulletBody, int], point: Vector, direction: Vector
 ) -> ContactRow:
-    """The row of two (body, link) that touch at `point`, for forces along `direction`."""
+    """The row of two parts that touch, for forces along a direction.
+
+    first, second: (body, link) each, link -1 the base. point: where they touch, m, in the world.
+    direction: unit vector, (3,), of the force on the first.
+    """
     one, one_link = first
     two, two_link = second
     responses = one.response(one_link, point, direction), two.response(two_link, point, direction)
@@ -444,7 +448,7 @@ def mass_and_volumes(bullet: BulletClient, body: int) -> tuple[float, float, flo
     about all, m³) in its present pose; without volumes where a box has no end.
     """
     links = range(-1, bullet.getNumJoints(body))
-    mass = sum(bullet.getDynamicsInfo(body, link)[_MASS] for link in links)
+    mass = sum(bullet.getDynamicsInfo(body, link)[MASS] for link in links)
     boxes = np.array([bullet.getAABB(body, link) for link in links])
     each = float(np.prod(boxes[:, 1] - boxes[:, 0], axis=1).sum())
     around = float(np.prod(boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)))

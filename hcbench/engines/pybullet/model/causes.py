@@ -1,13 +1,15 @@
-"""Suspects that may keep a pair in PyBullet from bouncing as asked. Most cannot be
-read back, so they are tried.
+"""Suspects that may keep a pair in PyBullet from bouncing as asked, and promises of `hcbench tune`
+that a world no longer keeps. Most cannot be read back, so they are tried.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,7 +24,17 @@ from hcbench.engines.pybullet.model.place import BulletPlacement
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring import diagnose
 from hcbench.sim.model_under_test import Suspect
+from hcbench.sim.promise import Promise
+from hcbench.system.text import time_step
 from hcbench.terms.impact import Impact
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from hcbench.engines.pybullet.backend import BulletClient
+    from hcbench.engines.pybullet.model.place import BulletPlacement
+    from hcbench.terms.setting import Pair
+
 
 # Places in getDynamicsInfo.
 RESTITUTION = 5
@@ -41,6 +53,8 @@ _FASTEST = 100.0
 _CLIPPED = 1e-3
 # Speed of the hops of a body at rest, in speeds that gravity gives in a step.
 _HOPS = 2.5
+# A contactDamping, N s/m, that does not yield.
+_RIGID = 1e30
 # Restitutions nearer than this are taken for the same.
 _SAME_E = 0.005
 
@@ -124,11 +138,26 @@ def _apply(bullet: BulletClient, calls: Sequence[Call]) -> None:
 def _fix_restitutions(
     sides: Sequence[BodyPart], values: Sequence[float]
 ) -> tuple[str, Callable[[BulletClient], None]]:
+    """A fix that sets the restitution of links; a spring of theirs stays, for it is a cause of its
+    own.
+    """
     return _fix(*(Call({"restitution": e}, side) for side, e in zip(sides, values, strict=True)))
 
 
+def without_spring(bullet: BulletClient, side: BodyPart) -> dict[str, float]:
+    """Keywords of changeDynamics that end the spring and damper of a link, which bend its restitution;
+    none for a link without them.
+
+    PyBullet cannot unset them: a damper alone that does not yield is Bullet's rigid contact without
+    error reduction.
+    """
+    if not bullet.getDynamicsInfo(side.body, side.link)[STIFFNESS] > 0.0:
+        return {}
+    return {"contactStiffness": 0.0, "contactDamping": _RIGID}
+
+
 def restitutions(bullet: BulletClient, place: BulletPlacement) -> tuple[float, float]:
-    """Restitution of the two links that meet.
+    """(restitution of the first, of the second) of the two links that meet.
 
     NaN for a body with maximal coordinates: PyBullet returns the value of an earlier query for it.
     """
@@ -307,6 +336,8 @@ def _solver(c: BulletContext) -> Iterator[Suspect]:
 def _few_steps(c: BulletContext) -> Iterator[Suspect]:
     """Suspect restitutions above 1 together; else, of a contact with a stiffness, which takes the
     place of restitution, impacts that gain energy or last few steps.
+
+    c: the pair in its world, and the impacts to explain.
     """
     first, second = restitutions(c.bullet, c.place)
     if first * second > 1:
@@ -381,24 +412,123 @@ def _spin_clamp(c: BulletContext) -> Iterator[Suspect]:
 def speed_of_hops(timestep: float, gravity: float) -> float:
     """Speed of the hops of a body at rest with a restitution, m/s, at most.
 
-    In each step, of h s, gravity, m/s² along the normal, brings the body to the plate at g h, and
-    restitution throws it up again. With e it hops for ever at up to 2 g h/(1 + e); the corners of a
-    face that take turns are a little faster.
+    timestep: h, s. gravity: g, m/s² along the normal. In each step gravity brings the body to the
+    plate at g h, and restitution throws it up again. With e it hops for ever at up to 2 g h/(1 +
+    e); the corners of a face that take turns are a little faster.
     """
     return _HOPS * max(gravity, 0.0) * timestep
 
 
-def restitution_setting(place: BulletPlacement, e: float, still: float) -> Suspect:
+def restitution_setting(
+    place: BulletPlacement, springless: Sequence[Mapping[str, float]], e: float, still: float
+) -> Suspect:
     """All calls that give a pair this e, as one fix, in a suspect without a text of its own.
 
     The first part gets e, the second 1: Bullet multiplies them.
-    still: speed below which nothing bounces, m/s.
+    springless: see `without_spring`, of the two parts. still: speed below which nothing bounces,
+    m/s.
     """
+    first, second = ({"restitution": 1.0, **keywords} for keywords in springless)
+    first["restitution"] = e
     world = {"restitutionVelocityThreshold": still, "contactSlop": 0.0, "contactERP": 0.0}
     undamped = {"linearDamping": 0.0, "angularDamping": 0.0, "contactProcessingThreshold": 0.0}
     text, apply = _fix(
         Call({**world, "contactBreakingThreshold": LASTING_SETTINGS["contactBreakingThreshold"]}),
-        Call({**undamped, "restitution": e}, place.first),
-        Call({"restitution": 1.0, "contactProcessingThreshold": 0.0}, place.second),
+        Call({**undamped, **first}, place.first),
+        Call({**second, "contactProcessingThreshold": 0.0}, place.second),
     )
     return Suspect("restitution", "", "", text, apply)
+
+
+# Promises of `hcbench tune` that a PyBullet world keeps as user data of a body, and causes that
+# it does not keep them.
+
+# Relative difference of two numbers that digits of a text make.
+_SAME = 1e-6
+
+
+def promise_line(pair: Pair, promise: Promise) -> str:
+    """The call that keeps a promise for two bodies, variables of a script; "" for a target that a
+    text cannot say.
+    """
+    if not promise.text:
+        return ""
+    first, second = pair
+    # Braces of an f-string: the script's own number of the second body.
+    key = f'f"{_key("{" + second + "}", -1)}"'
+    # Parts of one text, which Python joins, in lines that a page can show.
+    words = [f"{part}; " for part in promise.text.split("; ")]
+    words[-1] = words[-1].removesuffix("; ")
+    half = len(words) // 2
+    parts = [json.dumps("".join(some)) for some in (words[:half], words[half:])]
+    return f"pybullet.addUserData({first}, {key},\n    {parts[0]}\n    {parts[1]})"
+
+
+def promise_in(bullet: BulletClient, sides: tuple[BodyPart, BodyPart]) -> Promise | None:
+    """Read hcbench's promise for the two that meet; None without one."""
+    for first, second in (sides, sides[::-1]):
+        # A text sets whole bodies, by their base.
+        number = bullet.getUserDataId(first.body, _key(str(second.body), second.link))
+        if number >= 0:
+            return Promise.read(bullet.getUserData(number).decode())
+    return None
+
+
+def _key(body: str, link: int) -> str:
+    return f"hcbench:{body}:{link}"
+
+
+def broken_promise(
+    bullet: BulletClient, promise: Promise, has_law: bool, gravity: Sequence[float]
+) -> Iterator[Suspect]:
+    """Yield each difference by which the pair is no longer the one that was tuned.
+
+    has_law: whether a law of the plug-in acts between the two now. gravity: (3,), m/s².
+    """
+    parameters = bullet.getPhysicsEngineParameters()
+    is_plugin = not promise.rows
+    if is_plugin and not has_law:
+        yield Suspect(
+            "promised-plugin",
+            "hcbench wrote a plug-in for these two, and none of its laws acts between them.",
+            "resetSimulation and the command remove end a law",
+            "paste all that `hcbench tune pybullet` printed again, after the bodies are loaded",
+            always_reported=True,
+        )
+    step = float(parameters["fixedTimeStep"])
+    promised = float(dict(promise.option).get("fixedTimeStep", step))
+    # The plug-in holds up to its step, Bullet's own contact at it.
+    is_other = step > (1.0 + _SAME) * promised
+    if not is_plugin:
+        is_other = abs(step - promised) > _SAME * promised
+    if is_other:
+        yield Suspect(
+            "promised-timestep",
+            "The world has another time step than hcbench wrote this setting for.",
+            f"{time_step(step)} s now, tuned for {time_step(promised)} s",
+            f"p.setPhysicsEngineParameter(fixedTimeStep={promised:.6g})",
+            partial(_set_parameter, fixedTimeStep=promised),
+            always_reported=True,
+        )
+    if parameters["numSubSteps"]:
+        yield Suspect(
+            "promised-substeps",
+            "Bullet takes sub-steps, and hcbench wrote this setting for whole steps.",
+            f"numSubSteps {parameters['numSubSteps']} now, 0 when it was tuned",
+            "p.setPhysicsEngineParameter(numSubSteps=0)",
+            partial(_set_parameter, numSubSteps=0),
+            always_reported=True,
+        )
+    strength = float(np.linalg.norm(gravity))
+    if not is_plugin and promise.is_other_gravity(strength):
+        yield Suspect(
+            "promised-gravity",
+            "The world has another gravity than hcbench wrote this setting for.",
+            f"{strength:.4g} m/s^2 now; tuned under {promise.gravity:.4g} m/s^2",
+            f'hcbench tune pybullet with --gravity "{strength:.4g} m/s^2"',
+            always_reported=True,
+        )
+
+
+def _set_parameter(bullet: BulletClient, **settings: float) -> None:
+    bullet.setPhysicsEngineParameter(**settings)

@@ -14,17 +14,17 @@ from hcbench.engines.pybullet.backend import (
     DISTANCE,
     FORCE,
     LINK_A,
+    MASS,
     NORMAL,
     POINT_A,
 )
 from hcbench.engines.pybullet.model.bodies import (
     FIXED,
     JOINT_TYPE,
-    LINK_NAME,
     mass_and_volumes,
 )
 from hcbench.engines.pybullet.model.in_child import can_fork, run_aside
-from hcbench.engines.pybullet.model.start_pose import set_pose
+from hcbench.engines.pybullet.model.open import set_pose
 from hcbench.sim.density import unit_notes
 from hcbench.sim.landing import (
     WINDOW_S,
@@ -33,11 +33,12 @@ from hcbench.sim.landing import (
     Landing,
     Landings,
     latest_touch,
+    over_phases,
+    raised_for,
     take_off_speed,
 )
 from hcbench.sim.touch import travel_by_distance
 from hcbench.system.errors import EngineFailed, UserError
-from hcbench.system.text import sanitized
 from hcbench.terms import units
 
 if TYPE_CHECKING:
@@ -73,6 +74,9 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
         raise UserError("key", repr(request.key), "no keyframe: PyBullet has none")
 
     def prepared() -> tuple[_DropBench, Callable[[], None], str]:
+        """(the robot in its pose over its floor, what drives its joints, the drive in words); in a
+        forked copy, whose world it changes.
+        """
         if request.timestep is not None:
             bullet.setPhysicsEngineParameter(fixedTimeStep=request.timestep)
         if request.gravity is not None:
@@ -82,8 +86,11 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
         return bench, *_drive_of(drops.controller, bench)
 
     def described() -> Landings:
+        """The landings without a drop: names, mass, step and gravity, and notes on the robot's
+        unit.
+        """
         bench, _, words = prepared()
-        floors = ", ".join(_body_name(world, floor) for floor in bench.floors)
+        floors = ", ".join(world.name_of(floor) for floor in bench.floors)
         start = ", ".join(["the pose of the world", *(joint for joint, _ in request.pose)])
         notes = unit_notes(bench.name, *mass_and_volumes(bullet, bench.robot))
         return Landings(
@@ -101,12 +108,15 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
             tuple(notes),
         )
 
-    def dropped(height: float, tilt: float) -> Landing:
-        bench, drive, _ = prepared()
-        return bench.landing(height, tilt, drive)
+    def dropped(height: float, tilt: float, phase: float) -> Landing:
+        def landing() -> Landing:
+            bench, drive, _ = prepared()
+            return bench.landing(height, tilt, drive, phase)
+
+        return run_aside(bullet, landing)
 
     landings = [
-        run_aside(bullet, partial(dropped, height, tilt))
+        over_phases(partial(dropped, height, tilt))
         for height in drops.heights
         for tilt in drops.tilts
     ]
@@ -131,12 +141,20 @@ class _Motion(NamedTuple):
 class _DropBench:
     """A robot with a free base, in its pose, over the fixed bodies of its world.
 
+    robot: its body. name: of it. links: numbers. masses: kg, of the links and last the base. mass:
+    of all, kg. floors: the fixed bodies. h: time step, s. g: gravity, m/s²; up: unit vector against
+    it, (3,).
     Raises UserError for a world without one, without a floor, or without gravity.
     """
 
     def __init__(self, world: LoadedWorld) -> None:
+        """Find the robot, of several with a free base the one with most joints, and its floors.
+
+        Raises UserError for a world without a free base, without a floor, or without gravity.
+        """
+        self._world = world
         bullet = self.bullet = world.bullet
-        masses = {body: bullet.getDynamicsInfo(body, -1)[0] for body in bullet.bodies()}
+        masses = {body: bullet.getDynamicsInfo(body, -1)[MASS] for body in bullet.bodies()}
         free = [body for body, mass in masses.items() if mass > 0.0]
         self.floors = [body for body, mass in masses.items() if not mass > 0.0]
         if not free:
@@ -146,11 +164,11 @@ class _DropBench:
             got = f"{world.label}: nothing is fixed"
             raise UserError("model", got, "a floor, such as plane.urdf", "Give it as a second file")
         self.robot = max(free, key=lambda body: (bullet.getNumJoints(body), masses[body]))
-        self.name = _body_name(world, self.robot)
+        self.name = world.name_of(self.robot)
         self.links = list(range(bullet.getNumJoints(self.robot)))
         # Of the links, and of the base at the end.
         self.masses: Floats = np.array(
-            [bullet.getDynamicsInfo(self.robot, link)[0] for link in [*self.links, -1]]
+            [bullet.getDynamicsInfo(self.robot, link)[MASS] for link in [*self.links, -1]]
         )
         self.mass = float(self.masses.sum())
         parameters = bullet.getPhysicsEngineParameters()
@@ -163,7 +181,7 @@ class _DropBench:
         self.up = -gravity / self.g
 
     def motion(self) -> _Motion:
-        """The present motion of the robot's links and base."""
+        """The present motion of the base and all links."""
         bullet = self.bullet
         centre, _ = bullet.getBasePositionAndOrientation(self.robot)
         velocity, spin = bullet.getBaseVelocity(self.robot)
@@ -182,8 +200,16 @@ class _DropBench:
         """Speed of the centre of mass upwards, m/s."""
         return float(self.masses @ motion.velocities @ self.up) / self.mass
 
-    def landing(self, height: float, tilt: float, drive: Callable[[], None]) -> Landing:
-        """One drop from a height (m) over the touch, the base turned by a tilt (rad) about y."""
+    def landing(
+        self, height: float, tilt: float, drive: Callable[[], None], phase: float
+    ) -> Landing:
+        """Drop the robot once, and read how it lands.
+
+        height: of its lowest point over the floor, m. tilt: by which its base is turned about y,
+        rad. drive: called before each step. phase: place of the touch in a step. Raises UserError
+        where nothing is below the robot or it meets nothing, EngineFailed for a velocity that is
+        not finite.
+        """
         bullet = self.bullet
         position, attitude = bullet.getBasePositionAndOrientation(self.robot)
         turn = [0.0, math.sin(tilt / 2), 0.0, math.cos(tilt / 2)]
@@ -194,6 +220,9 @@ class _DropBench:
             bullet.resetBasePositionAndOrientation(self.robot, place.tolist(), turned)
 
         def distance(travel: float) -> float:
+            """Distance of the lowered robot from the floor, m; UserError where nothing is below it.
+            travel: by which it is lowered, m.
+            """
             lower(travel)
             points = []
             for floor in self.floors:
@@ -203,14 +232,16 @@ class _DropBench:
                 raise UserError("model", got, "a floor", "Give it as a second file")
             return float(min(point[DISTANCE] for point in points))
 
-        lower(travel_by_distance(distance, 1.0) - height)
+        more = raised_for(phase, height, self.g, self.h)
+        lower(travel_by_distance(distance, 1.0) - height - more)
         bullet.resetBaseVelocity(self.robot, [0, 0, 0], [0, 0, 0])
         return self._fall(height, tilt, drive)
 
     def _fall(self, height: float, tilt: float, drive: Callable[[], None]) -> Landing:
         """Simulate a drop until WINDOW_S (s) after the first touch, and read it.
 
-        Raises EngineFailed for a velocity that is not finite, UserError where nothing is met.
+        height, m, tilt, rad: of the drop, for the result. drive: called before each step. Raises
+        EngineFailed for a velocity that is not finite, UserError where nothing is met.
         """
         latest = latest_touch(height, self.g)
         forces: list[float] = []
@@ -244,7 +275,9 @@ class _DropBench:
         pushed: Floats = np.array(forces)
         speed_out = take_off_speed(pushed, np.array(rising), self.h)
         time: Floats = np.arange(len(forces), dtype=np.float64) * self.h
-        fallen = tuple(log.footfall(self._link_name(link)) for link, log in feet.items())
+        fallen = tuple(
+            log.footfall(self._world.name_of(self.robot, link)) for link, log in feet.items()
+        )
         weight = self.mass * self.g
         return Landing(height, tilt, -rising[0], speed_out, weight, fallen, time, pushed)
 
@@ -276,17 +309,6 @@ class _DropBench:
             feet[link].add(time, self.h, float(force.sum()), slip, float(depth.max()))
         return upward
 
-    def _link_name(self, link: int) -> str:
-        if link < 0:
-            return self.name
-        name = self.bullet.getJointInfo(self.robot, link)[LINK_NAME]
-        return sanitized(name.decode(errors="replace"))
-
-
-def _body_name(world: LoadedWorld, body: int) -> str:
-    """Name of a body: its file's, or its number."""
-    return world.files.get(body, f"body:{body}")
-
 
 def _drive_of(controller: Any, bench: _DropBench) -> tuple[Callable[[], None], str]:
     """(function that drives the joints before each step, what holds them in words).
@@ -308,6 +330,7 @@ def _drive_of(controller: Any, bench: _DropBench) -> tuple[Callable[[], None], s
     if controller == "pd":
         for joint, angle in zip(joints, pose, strict=True):
             effort = bullet.getJointInfo(robot, joint)[_EFFORT]
+            # 0 where the file names no effort: PyBullet's default force acts then.
             force = {"force": effort} if effort > 0.0 else {}
             bullet.setJointMotorControl2(
                 robot, joint, module.POSITION_CONTROL, targetPosition=angle, **force
@@ -327,7 +350,11 @@ def _drive_of(controller: Any, bench: _DropBench) -> tuple[Callable[[], None], s
 
 
 def _gains(controller: str) -> tuple[float, float]:
-    """KP and KD of "pd:KP,KD". Raises UserError for another text."""
+    """(KP, KD) of the text "pd:KP,KD", N m/rad and N m s/rad, or for slides N/m and N s/m.
+
+    controller: the text. Raises UserError for another text or another number of gains,
+    QuantityError for one that is not a number from 0 up.
+    """
     kind, _, text = controller.partition(":")
     gains = [units.parse(gain, "number", "controller", least=0.0) for gain in text.split(",")]
     if kind != "pd" or len(gains) != _GAINS:

@@ -80,9 +80,13 @@ class PairInWorld(NamedTuple):
 
 
 class _Resting:
-    """The pair of a world that is stepped until it lies; the world is changed."""
+    """The pair of a world that is stepped until it lies; the world is changed.
+
+    steps: number of those taken. first, second: the two bodies, timestep: s.
+    """
 
     def __init__(self, pair: PairInWorld) -> None:
+        """Put the pair at touch, at rest, and step until it lies as it will."""
         self.pair = pair
         self.bullet = pair.bullet
         self.place = pair.place
@@ -112,7 +116,11 @@ class _Resting:
         return _ContactAfterStep(normal, friction, depth, point)
 
     def push(self, force: Floats, point: Floats) -> None:
-        """Let a force, N, act on the moving part in the next step, and its opposite on the other."""
+        """Let a force, N, (3,), act on the moving part in the next step, and its opposite on the
+        other.
+
+        point: where it acts, m, (3,), in the world. A fixed part takes none.
+        """
         world = self.bullet.module.WORLD_FRAME
         for sign, part, body in (
             (1.0, self.place.first, self.first),
@@ -124,7 +132,9 @@ class _Resting:
                 )
 
     def pressed(self, times: float) -> BorneLoad:
-        """The pair under so many times its force at rest."""
+        """The pair under so many times its force at rest: force that the contact then bears, N, and
+        its penetration, m, over the last steps; NaN where it does not push.
+        """
         touch = self.touch()
         if touch is None:
             return BorneLoad(times, math.nan, math.nan)
@@ -140,7 +150,11 @@ class _Resting:
         return borne(times, touch.normal, np.array(rows[-last:]))
 
     def friction(self, way: Floats) -> float:
-        """Limit of friction over the normal force, along a way in the plate."""
+        """Limit of friction over the normal force, along a way in the plate; NaN where nothing
+        pushes.
+
+        way: unit vector, (3,). The pair is pushed along it by more than friction bears.
+        """
         touch = self.touch()
         if touch is None:
             return math.nan
@@ -155,12 +169,16 @@ class _Resting:
         return limit
 
     def on_slope(self, angle: float) -> Rest:
-        """Rest on a slope, rad; without a drift where the body rolls or has left the plate."""
+        """Rest on a slope of an angle, rad; without a drift where the body rolls or has left the
+        plate.
+
+        Gravity is turned by the angle from the plate's normal, and stays so.
+        """
         bullet = self.bullet
         link = self.place.first.link
         normal = self.place.normal
         gravity = np.array(self.pair.gravity)
-        along = plate_frame(normal, None)[0]
+        along, _, _ = plate_frame(normal, None)
         down = math.cos(angle) * normal + math.sin(angle) * along
         bullet.setGravity(*(np.linalg.norm(gravity) * down).tolist())
         for _ in range(self.steps // 2):

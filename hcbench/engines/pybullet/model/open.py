@@ -1,4 +1,6 @@
-"""PyBullet worlds of users, from files or live, and the two in them that meet."""
+"""PyBullet worlds of users, from files or live, in the pose of a request, and the two in them that
+meet.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +15,26 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hcbench.engines.pybullet.backend import LASTING_SETTINGS, BulletClient
+from hcbench.engines.pybullet.backend import LASTING_SETTINGS, MASS, BulletClient
+from hcbench.engines.pybullet.model.bodies import (
+    FIXED,
+    JOINT_NAME,
+    JOINT_TYPE,
+    LINK_NAME,
+    PRISMATIC,
+    REVOLUTE,
+)
+from hcbench.sim.model_under_test import Request
 from hcbench.sim.packages import (
     Packages,
     is_utf8,
     read_xml,
     require_expanded,
     require_packages,
+    suggest_names,
     with_absolute_files,
 )
+from hcbench.sim.touch import JointBeyondLimit, require_no_joint_beyond
 from hcbench.system.errors import SceneError, UserError
 from hcbench.system.files import is_file, why_no_file
 from hcbench.system.text import sanitized
@@ -31,6 +44,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from hcbench.terms.scene import Scene
+
 
 # Model files read as text for what PyBullet overlooks: it takes "abc" for 0, and lets a heavy
 # plate move.
@@ -113,7 +127,8 @@ def _end(slot: str, joint: ET.Element, end: str, known: set[str]) -> str:
 def _check_circle(path: Path, names: list[str], parent_of: dict[str, str]) -> None:
     """Refuse links that carry each other in a circle. Raises SceneError.
 
-    parent_of: link -> the link that carries it.
+    path: of the file, for the error. names: of all links. parent_of: link -> the link that carries
+    it.
     """
     # Links from which the way to the root is known.
     reach_root: set[str] = set()
@@ -289,7 +304,8 @@ def _check_number(
 ) -> None:
     """Raise SceneError for a text that is not a number, or not one that is good.
 
-    path, name: where it is.
+    path, name: where it is. text: None where it is missing. expected: in words. is_good: called
+    with the number, NaN for a text that is none.
     """
     try:
         value = float(text or "")
@@ -360,12 +376,18 @@ class LoadedWorld:
     unread: dict[int, tuple[str, float]] = field(default_factory=dict)
     owner: Any = None
 
+    def name_of(self, body: int, link: int = -1) -> str:
+        """Name of a link, as its file has it; of a base, the file's own name or the body's number."""
+        if link < 0:
+            return self.files.get(body, f"body:{body}")
+        name = self.bullet.getJointInfo(body, link)[LINK_NAME]
+        return sanitized(name.decode(errors="replace"))
+
 
 def load_files(paths: Sequence[str], packages: Packages = ()) -> LoadedWorld:
     """A new world, in a client of its own, with the files loaded as PyBullet loads them by default.
 
-    packages: folders of the packages that URDFs name.
-
+    paths: URDF, SDF or MJCF files, one or more. packages: folders of the packages that URDFs name.
     Raises SceneError for a file that is not there or does not load, QuantityError for a size
     outside the bounds, EngineFailed where PyBullet has no room for a client. The client is then
     closed.
@@ -402,13 +424,16 @@ def _load(bullet: BulletClient, path: Path, packages: Packages) -> list[int]:
     """
     if path.suffix.lower() != ".urdf":
         return bullet.load_model(path)
+    # Bodies bounce by their collision shapes. The meshes and textures for cameras are most of
+    # what a robot takes to load, and of the memory that each fork copies.
+    flags = bullet.module.URDF_IGNORE_VISUAL_SHAPES
     try:
         if not packages and is_utf8(path):
-            return bullet.load_model(path)
+            return bullet.load_model(path, flags=flags)
         with tempfile.TemporaryDirectory() as folder:
             copy = Path(folder) / path.name
             copy.write_text(with_absolute_files(path, packages), encoding="utf-8")
-            return bullet.load_model(copy)
+            return bullet.load_model(copy, flags=flags)
     except SceneError:
         require_packages(path, packages)
         raise
@@ -431,8 +456,9 @@ def _require_readable(bullet: BulletClient, body: int, path: Path) -> None:
 
 
 def open_live(source: Any, disconnect: bool) -> LoadedWorld:
-    """The world of a `LiveWorld`, a client id, or a BulletClient of pybullet_utils; None: client 0.
+    """The world of a user's running client.
 
+    source: a `LiveWorld`, a client id, or a BulletClient of pybullet_utils; None: client 0.
     disconnect: whether hcbench ends the client when it is done. Raises UserError for others, and
     for a client that is not connected.
     """
@@ -451,3 +477,143 @@ def open_live(source: Any, disconnect: bool) -> LoadedWorld:
     if world.first is not None and world.second is not None:
         pair = (world.first, world.second)
     return LoadedWorld(bullet, "PyBullet world", disconnect, pair, owner=source)
+
+
+# Joints of a PyBullet world: put where a request says, held against their limits, their motors
+# off.
+
+# Places in getJointInfo.
+_LOWER = 8
+_UPPER = 9
+# Beyond a limit by more, rad or m, a pose is not one that the model can hold.
+_TURNED = math.radians(5.0)
+_MOVED = 1e-3
+_Joint = tuple[int, int]
+
+
+def joint_states(bullet: BulletClient) -> dict[_Joint, tuple[float, float]]:
+    """(position, velocity), rad or m and by s, of every hinge and slide, by (body, joint)."""
+    states: dict[_Joint, tuple[float, float]] = {}
+    for body in bullet.bodies():
+        for joint in range(bullet.getNumJoints(body)):
+            kind = bullet.getJointInfo(body, joint)[JOINT_TYPE]
+            if kind in (REVOLUTE, PRISMATIC):
+                position, velocity, *_ = bullet.getJointState(body, joint)
+                states[body, joint] = position, velocity
+    return states
+
+
+def base_states(bullet: BulletClient, request: Request) -> list[tuple[int, Any, Any]]:
+    """(body, pose, velocities) of every body's base, as PyBullet returns them.
+
+    Empty where the request sets no pose: nothing then moves a base.
+    """
+    if not request.pose:
+        return []
+    states = []
+    for body in bullet.bodies():
+        pose = bullet.getBasePositionAndOrientation(body)
+        velocities = bullet.getBaseVelocity(body)
+        states.append((body, pose, velocities))
+    return states
+
+
+def set_pose(world: LoadedWorld, request: Request) -> None:
+    """Set positions and switch motors off, where the request says so.
+
+    Of a joint, by its name or as "file/name": one number, m or rad. Of a free base, as
+    `_free_base` finds it: x y z, m, and a quaternion w x y z, if given. Raises
+    UserError for other names and counts.
+    """
+    bullet = world.bullet
+    joints = _named_joints(world)
+    for name, values in request.pose:
+        if name in joints:
+            if len(values) != 1:
+                raise UserError("qpos", f"{name}: {len(values)} numbers", "1: m or rad")
+            bullet.resetJointState(*joints[name], values[0])
+            continue
+        base = _free_base(world, name)
+        if base is None:
+            raise UserError("qpos", f"no joint {name!r}", *suggest_names(name, joints))
+        _put_base(bullet, base, values)
+    if not request.actuators:
+        for body in bullet.bodies():
+            for joint in range(bullet.getNumJoints(body)):
+                bullet.setJointMotorControl2(body, joint, bullet.module.VELOCITY_CONTROL, force=0)
+
+
+def _free_base(world: LoadedWorld, name: str) -> int | None:
+    """Id of the body whose free base a name means; None without one.
+
+    name: of the body's file, without its suffix; "base": of the body with most joints, of several
+    the heaviest.
+    """
+    bullet = world.bullet
+    masses = {body: bullet.getDynamicsInfo(body, -1)[MASS] for body in bullet.bodies()}
+    free = [body for body, mass in masses.items() if mass > 0.0]
+    for body in free:
+        stem, _, _ = world.files.get(body, "").partition(".")
+        if stem == name:
+            return body
+    if name != "base":
+        return None
+    # A robot is the body with joints; of several the heaviest.
+    return max(free, key=lambda body: (bullet.getNumJoints(body), masses[body]), default=None)
+
+
+def _put_base(bullet: BulletClient, body: int, values: tuple[float, ...]) -> None:
+    """Put a free base of a body, by its id: x y z, m, and a quaternion w x y z, if given.
+
+    Raises UserError for another number of values than 3 or 7.
+    """
+    if len(values) not in (3, 7):
+        raise UserError("qpos", f"base: {len(values)} numbers", "3 or 7: m, quaternion w x y z")
+    turned = bullet.getBasePositionAndOrientation(body)[1]
+    if len(values) == 7:
+        turned = (*values[4:], values[3])
+    bullet.resetBasePositionAndOrientation(body, values[:3], turned)
+
+
+def _named_joints(world: LoadedWorld) -> dict[str, _Joint]:
+    """(body, joint) of each joint that moves, by "name", "body:ID/name" and "file/name".
+
+    A name that several joints have means the first body's.
+    """
+    joints: dict[str, _Joint] = {}
+    # The first body comes last, and takes a name that several have.
+    for body in reversed(world.bullet.bodies()):
+        for joint in range(world.bullet.getNumJoints(body)):
+            info = world.bullet.getJointInfo(body, joint)
+            if info[JOINT_TYPE] == FIXED:
+                continue
+            name = sanitized(info[JOINT_NAME].decode(errors="replace"))
+            joints[name] = (body, joint)
+            joints[f"body:{body}/{name}"] = (body, joint)
+            if body in world.files:
+                joints[f"{world.files[body]}/{name}"] = (body, joint)
+    return joints
+
+
+def require_joints_within_limits(bullet: BulletClient, body: int) -> None:
+    """Refuse a pose in which hinges or slides of a body are far outside their limits, by UserError.
+
+    More than 5 degrees or 1 mm.
+    """
+    outside = []
+    for joint in range(bullet.getNumJoints(body)):
+        info = bullet.getJointInfo(body, joint)
+        if info[JOINT_TYPE] not in (REVOLUTE, PRISMATIC) or info[_LOWER] > info[_UPPER]:
+            continue
+        low = float(info[_LOWER])
+        high = float(info[_UPPER])
+        # Such limits stand for a file that has none.
+        if low == 0.0 and high <= 0.0:
+            continue
+        position = float(bullet.getJointState(body, joint)[0])
+        nearest = min(max(position, low), high)
+        turns = info[JOINT_TYPE] == REVOLUTE
+        if abs(position - nearest) > (_TURNED if turns else _MOVED):
+            name = sanitized(info[JOINT_NAME].decode(errors="replace"))
+            outside.append(JointBeyondLimit(name, abs(position - nearest), turns, nearest))
+    require_no_joint_beyond(outside, "")

@@ -36,8 +36,12 @@ from hcbench.engines.pybullet.model.bodies import (
     vector,
 )
 from hcbench.engines.pybullet.model.in_child import run_aside
-from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart, LoadedWorld
-from hcbench.engines.pybullet.model.start_pose import require_joints_within_limits
+from hcbench.engines.pybullet.model.open import (
+    ANY_LINK,
+    BodyPart,
+    LoadedWorld,
+    require_joints_within_limits,
+)
 from hcbench.sim.model_under_test import Vector
 from hcbench.sim.touch import LEAST_APPROACH, require_apart, require_reachable, travel_by_distance
 from hcbench.system.errors import UserError
@@ -414,7 +418,10 @@ def _rates_towards(
 
 
 def _within_limits(joint: Any, start: float, target: float) -> float:
-    """Position of a joint, brought into its limits; one that starts beyond a limit may stay there."""
+    """Position of a joint, brought into its limits; one that starts beyond a limit may stay there.
+
+    joint: as getJointInfo returns it. start, target: where it is and where it is to go, rad or m.
+    """
     low = joint[_LOWER]
     high = joint[_UPPER]
     if low < high:

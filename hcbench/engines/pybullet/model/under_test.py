@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,21 +25,37 @@ from hcbench.engines.pybullet.model.bodies import (
 )
 from hcbench.engines.pybullet.model.causes import (
     BulletContext,
+    broken_promise,
     find_suspects,
+    promise_in,
     restitution_setting,
     restitutions,
     speed_of_hops,
     what_distorts,
+    without_spring,
 )
-from hcbench.engines.pybullet.model.in_child import Answer, can_fork, release_aside, run_aside
+from hcbench.engines.pybullet.model.in_child import (
+    Answer,
+    CopyOfWorld,
+    can_fork,
+    keeps_nothing,
+    release_aside,
+    run_aside,
+)
 from hcbench.engines.pybullet.model.landing import land
 from hcbench.engines.pybullet.model.list_pairs import find_pair, list_pairs
 from hcbench.engines.pybullet.model.loads import PairInWorld, carried_by, standing
-from hcbench.engines.pybullet.model.open import LoadedWorld, load_files, open_live
+from hcbench.engines.pybullet.model.open import (
+    LoadedWorld,
+    base_states,
+    joint_states,
+    load_files,
+    open_live,
+    set_pose,
+)
 from hcbench.engines.pybullet.model.place import place
-from hcbench.engines.pybullet.model.promises import broken_promise, promise_in
 from hcbench.engines.pybullet.model.simulation import LaunchInUserWorld, pair_friction
-from hcbench.engines.pybullet.model.start_pose import base_states, joint_states, set_pose
+from hcbench.engines.pybullet.model.touchdowns import touchdowns
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.sim.density import unit_notes
 from hcbench.sim.model_under_test import (
@@ -66,6 +82,8 @@ if TYPE_CHECKING:
     from hcbench.sim.loads import Carried
     from hcbench.sim.promise import Promise
     from hcbench.sim.rest import Standing
+    from hcbench.sim.touch import TrajectoryTouchdowns
+    from hcbench.terms.impact import Floats
 
 # Refuses a world whose numbers no bouncing body has, as PyBullet read them.
 
@@ -133,11 +151,13 @@ class _Placed(NamedTuple):
     """The pair of a world at touch.
 
     law: number of the plug-in's law between the two and the command that added it, or None.
+    is_put_back_whole: whether one copy of the world can have all launches, to the bit as alone.
     timestep: s. gravity: along the normal, into the other body, m/s².
     """
 
     place: BulletPlacement
     law: tuple[int, str] | None
+    is_put_back_whole: bool
     promise: Promise | None
     timestep: float
     gravity: float
@@ -164,7 +184,12 @@ class PybulletModel(ModelUnderTest):
         request: Request,
         fixes: Sequence[Suspect] = (),
     ) -> None:
-        """Apply the request and the fixes, and bring the pair to touch; errors are the class's."""
+        """Apply the request and the fixes, and bring the pair to touch.
+
+        world: loaded. build: makes it again; None for a live client. fixes: suspects, made before
+        the pair is placed. Raises UserError and its kinds where the pair cannot be measured; a live
+        client then gets back what it had.
+        """
         self.world = world
         self.request = request
         self.build = build
@@ -172,6 +197,7 @@ class PybulletModel(ModelUnderTest):
         self._settings_before = self.bullet.getPhysicsEngineParameters()
         self._pose_before = {}
         self._bases_before = []
+        self._copy: CopyOfWorld | None = None
         # The user's own client gets back what it had.
         if not world.disconnect:
             self._pose_before = joint_states(self.bullet)
@@ -189,7 +215,11 @@ class PybulletModel(ModelUnderTest):
             raise
 
     def _placed(self) -> _Placed:
-        """The pair at touch, and what the world as it is now says of it; errors are the class's."""
+        """The pair at touch, and what the world as it is now says of it.
+
+        Raises UserError where the two cannot be brought to touch, SceneError and QuantityError for
+        numbers that no body has.
+        """
         request = self.request
         first, second = self._parts
         self.place = run_aside(
@@ -203,7 +233,11 @@ class PybulletModel(ModelUnderTest):
         return _Placed(
             place=self.place,
             law=None if self.world.files else self._plugin_law(),
-            promise=promise_in(self.bullet, self.place),
+            # A plug-in, and what a user's function made, keep what nobody puts back.
+            is_put_back_whole=bool(self.world.files)
+            and can_fork(self.bullet)
+            and keeps_nothing(self.bullet),
+            promise=promise_in(self.bullet, (self.place.first, self.place.second)),
             timestep=float(self.bullet.getPhysicsEngineParameters()["fixedTimeStep"]),
             gravity=gravity,
         )
@@ -211,6 +245,7 @@ class PybulletModel(ModelUnderTest):
     def _take(self, placed: _Placed) -> None:
         self.place = placed.place
         self.law = placed.law
+        self._is_put_back_whole = placed.is_put_back_whole
         self.promise = placed.promise
         self.timestep = placed.timestep
         self.gravity = placed.gravity
@@ -262,10 +297,10 @@ class PybulletModel(ModelUnderTest):
         return isinstance(self.place.mover, FreeBase) and min(first_mass, second_mass) == 0.0
 
     def release(self, launches: Sequence[Launch]) -> Simulation:
-        """The launch under way from its starting point, in a world that knows of no other launch.
+        """Begin a launch from its starting point, in a world that knows of no other launch.
 
-        Raises UserError for an oblique launch of a pair with the plug-in's law, whose friction
-        PyBullet does not report.
+        launches: one. Raises UserError for an oblique launch of a pair with the plug-in's law,
+        whose friction PyBullet does not report.
         """
         (launch,) = launches
         law_number = None
@@ -277,7 +312,20 @@ class PybulletModel(ModelUnderTest):
                     "PyBullet does not report its friction"
                 )
                 raise UserError("launch", got, "launches along the normal")
-        return release_aside(self.bullet, lambda: self._launched(launch, law_number))
+        if self._is_put_back_whole:
+            self._copy = self._copy or CopyOfWorld(
+                self.bullet, lambda each: self._launched(each, None), self._make_fixes
+            )
+            return self._copy.release(launch)
+
+        def released() -> Simulation:
+            self._make_fixes()
+            return self._launched(launch, law_number)
+
+        return release_aside(self.bullet, released)
+
+    def _make_fixes(self) -> None:
+        """Make what is not made in the world itself, in a copy of it: nothing."""
 
     def _launched(self, launch: Launch, law: int | None) -> Simulation:
         """A launch in the world itself, which it changes. law: number of the plug-in's, or None."""
@@ -309,7 +357,10 @@ class PybulletModel(ModelUnderTest):
         )
 
     def facts(self) -> Facts:
-        """Properties of the world and of its pair, as `measure` prints them."""
+        """Properties of the world and of its pair, SI, as `measure` prints them: the pair, its mass
+        and normal, Bullet's settings, the e that these ask for, notes, and what has changed since
+        `tune` wrote them.
+        """
         of_pair = restitutions(self.bullet, self.place)
         told: list[float] | str = "not told"
         if not math.isnan(math.prod(of_pair)):
@@ -380,8 +431,9 @@ class PybulletModel(ModelUnderTest):
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """Return settings that may keep this pair from bouncing as `wanted`, likeliest first.
 
-        For a plug-in's law, which replaces Bullet's contact, those that act beside it. Those of a
-        live client have no fix to try.
+        impacts: of the launches. wanted: e over speed; None where the user named none. For a
+        plug-in's law, which replaces Bullet's contact, those that act beside it. Those of a live
+        client have no fix to try.
         """
         changed = self._changed_since_tuned()
         context = BulletContext(
@@ -425,7 +477,13 @@ class PybulletModel(ModelUnderTest):
 
     def close(self) -> None:
         """Remove everything that hcbench added, and restore the user's world."""
+        self._end_copy()
         self._put_back()
+
+    def _end_copy(self) -> None:
+        if self._copy is not None:
+            self._copy.close()
+            self._copy = None
 
 
 class _FixedInForks(PybulletModel):
@@ -436,9 +494,15 @@ class _FixedInForks(PybulletModel):
     """
 
     def __init__(self, model: PybulletModel, fixes: Sequence[Suspect]) -> None:
-        """Bring the pair to touch with the fixes made; errors are those of `PybulletModel`."""
+        """Bring the pair to touch with the fixes made, in a forked copy of this process.
+
+        model: the model under test, whose own fixes are made, too. fixes: suspects. Raises
+        UserError where the two cannot be brought to touch, SceneError and QuantityError for numbers
+        that no body has, EngineFailed where PyBullet dies.
+        """
         # Its world, its request and its parts.
         self.__dict__.update(model.__dict__)
+        self._copy = None
         self._fixes = [*getattr(model, "_fixes", ()), *fixes]
         self._take(self._with_fixes(self._placed))
 
@@ -460,10 +524,6 @@ class _FixedInForks(PybulletModel):
             if fix.apply is not None:
                 fix.apply(self.bullet)
 
-    def _launched(self, launch: Launch, law: int | None) -> Simulation:
-        self._make_fixes()
-        return super()._launched(launch, law)
-
     def facts(self) -> Facts:
         """Properties of the world and of its pair with the fixes made."""
         return self._with_fixes(super().facts)
@@ -481,7 +541,8 @@ class _FixedInForks(PybulletModel):
         return _FixedInForks(self, suspects)
 
     def close(self) -> None:
-        """Nothing: the world is that of the model, which closes it."""
+        """End what this has of its own: the world is that of the model, which closes it."""
+        self._end_copy()
 
 
 def open_world(source: Any, request: Request, rebuild: Callable[[], Any] | None) -> PybulletModel:
@@ -490,7 +551,7 @@ def open_world(source: Any, request: Request, rebuild: Callable[[], Any] | None)
     rebuild: makes the `World` or client again, where a function built it; None where none did.
     Raises SceneError for files that do not load, and the errors of `PybulletModel`.
     """
-    return PybulletModel(*_loaded(source, rebuild, request.packages), request)
+    return PybulletModel(*loaded(source, rebuild, request.packages), request)
 
 
 def list_pairs_of(
@@ -498,11 +559,11 @@ def list_pairs_of(
 ) -> list[CandidatePair]:
     """Pairs of links that can meet, in the request's pose.
 
-    rebuild: makes the world again, where a function built it. Raises SceneError for files that do
-    not load, UserError for a pose that does not fit or one file alone, EngineFailed where PyBullet
-    dies.
+    source: files, a `World`, or a client. rebuild: makes the world again, where a function built
+    it. Raises SceneError for files that do not load, UserError for a pose that does not fit or one
+    file alone, EngineFailed where PyBullet dies.
     """
-    world, _ = _loaded(source, rebuild, request.packages)
+    world, _ = loaded(source, rebuild, request.packages)
     try:
         return run_aside(world.bullet, lambda: _listed(world, request))
     finally:
@@ -513,14 +574,32 @@ def list_pairs_of(
 def land_in(
     source: Any, request: Request, drops: DropPlan, rebuild: Callable[[], Any] | None
 ) -> Landings:
-    """Landings of the robot of a world, see `landing.land`.
+    """Drop the robot of a world from each height, m, and tilt, rad, of `drops`, each time in a
+    forked copy of this process.
 
-    rebuild: makes the world again, where a function built it. Raises SceneError for files that do
-    not load, and the errors of `land`.
+    source: files, a `World`, or a client. rebuild: makes the world again, where a function built
+    it. Raises SceneError for files that do not load, UserError where there is no robot or nothing
+    to land on, EngineFailed where a velocity is no longer finite.
     """
-    world, _ = _loaded(source, rebuild, request.packages)
+    world, _ = loaded(source, rebuild, request.packages)
     try:
         return land(world, request, drops)
+    finally:
+        if world.disconnect:
+            world.bullet.disconnect()
+
+
+def touchdowns_in(
+    source: Any, request: Request, recorded: Mapping[str, Floats]
+) -> TrajectoryTouchdowns:
+    """Touchdowns in a recorded motion of a world, see `touchdowns.touchdowns`; the world stays as it
+    is.
+
+    Raises SceneError for files that do not load, and the errors of `touchdowns`.
+    """
+    world, _ = loaded(source, None, request.packages)
+    try:
+        return run_aside(world.bullet, lambda: touchdowns(world, request, recorded))
     finally:
         if world.disconnect:
             world.bullet.disconnect()
@@ -531,13 +610,14 @@ def _listed(world: LoadedWorld, request: Request) -> list[CandidatePair]:
     return list_pairs(world)
 
 
-def _loaded(
+def loaded(
     source: Any, rebuild: Callable[[], Any] | None, packages: Packages
 ) -> tuple[LoadedWorld, Callable[[], LoadedWorld] | None]:
     """(the world, function that makes it again; None for a live client).
 
-    source: one path or several, a `World`, a client or its id. Raises SceneError for files that do
-    not load, UserError for another source.
+    source: one path or several, a `World`, a client or its id. rebuild: makes the `World` or client
+    again; None where no function built it. packages: folders that URDFs name. Raises SceneError for
+    files that do not load, UserError for another source.
     """
     if isinstance(source, str | list | tuple) or hasattr(source, "__fspath__"):
         paths: Sequence[str | Path] = source if isinstance(source, list | tuple) else [source]
@@ -566,12 +646,12 @@ def model_settings(
 
     The first lets bodies come to rest under gravity, by a speed below which nothing bounces; the
     second lets all bounce.
+    source: files, a `World`, or a client. rebuild: makes it again, where a function built it.
     requests: of the pairs, one or more; their speeds choose the constant e nearest to `goal`.
-
-    Raises UserError for a live client, and for a part that would need two restitutions; also the
-    errors of `open_world`.
+    Raises UserError for a live client, and for a part that would need two restitutions; also what
+    opening raises.
     """
-    world, build = _loaded(source, rebuild, requests[0].packages)
+    world, build = loaded(source, rebuild, requests[0].packages)
     if build is None:
         if world.disconnect:
             world.bullet.disconnect()
@@ -582,7 +662,8 @@ def model_settings(
     e = goal.best_constant(min(requests[0].speeds), max(requests[0].speeds))
     still = 0.0
     slowest = math.inf
-    places: list[BulletPlacement] = []
+    # Each with what ends a spring of its parts.
+    places: list[tuple[BulletPlacement, list[dict[str, float]]]] = []
     # 0 or 1, by (body, link).
     side_of: dict[tuple[int, int], int] = {}
     for i, request in enumerate(requests):
@@ -591,8 +672,9 @@ def model_settings(
             still = max(still, speed_of_hops(step, gravity))
             touching = [each.touch_speed(step, gravity) for each in request.launches()]
             slowest = min(slowest, *touching)
-            places.append(model.place)
-            for side, part in enumerate((model.place.first, model.place.second)):
+            parts = (model.place.first, model.place.second)
+            places.append((model.place, [without_spring(model.bullet, part) for part in parts]))
+            for side, part in enumerate(parts):
                 if side_of.setdefault((part.body, part.link), side) != side:
                     got = f"{part.name!r} is the first of one pair and the second of another"
                     advice = "Restitutions multiply: tune one pair after the other"
@@ -607,17 +689,18 @@ def model_settings(
 
 
 def _restitution(
-    places: Sequence[BulletPlacement],
+    places: Sequence[tuple[BulletPlacement, list[dict[str, float]]]],
     e: float,
     still: float,
     build: Callable[[], LoadedWorld],
     more: tuple[str, ...],
 ) -> ModelSetting:
-    """The setting with one restitution, and a speed, m/s, below which nothing bounces.
+    """The setting with one restitution, and a speed below which nothing bounces.
 
-    build: makes the world. more: notes on it.
+    places: of the pairs, at touch, each with what ends a spring of its parts. e: of each pair.
+    still: that speed, m/s. build: makes the world. more: notes on it.
     """
-    suspects = [restitution_setting(place, e, still) for place in places]
+    suspects = [restitution_setting(place, springless, e, still) for place, springless in places]
     # Each line once, in order.
     lines: dict[str, None] = {}
     for suspect in suspects:

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from hcbench.engines.pybullet.backend import BulletClient
+from hcbench.engines.pybullet.backend import MASS, BulletClient
 from hcbench.engines.pybullet.model.bodies import LINK_NAME
 from hcbench.laws.contact_law import Friction, Law, is_force, require_law, require_resolved
 from hcbench.laws.published import TouchSpeedLaw
@@ -44,6 +44,8 @@ SOURCE = "engines/pybullet/plugin/plugin.c"
 LINK = ["-ldl"]
 # 20 in/s, in m/s: the paper's law holds up to it.
 _SPEED = 0.508
+# Link that stands for any of a body.
+_ANY_LINK = -2
 
 
 @functools.cache
@@ -152,10 +154,18 @@ def add(
 
 
 def _reduced_mass(bullet: BulletClient, sides: Iterable[tuple[int, int]]) -> float:
-    """1/(1/m1 + 1/m2) of two (body, link), kg; a body that cannot move has a mass of 0 in Bullet."""
+    """1/(1/m1 + 1/m2) of the two sides of a pair, kg; at least one of them can move.
+
+    sides: (body, link) of the two. A body that cannot move has a mass of 0 in Bullet. "Any" link,
+    -2, stands for the base, and where that is fixed for the lightest link that moves.
+    """
     mobility = 0.0
     for body, link in sides:
-        mass = bullet.getDynamicsInfo(body, max(link, -1))[0]
+        mass = bullet.getDynamicsInfo(body, max(link, -1))[MASS]
+        if link == _ANY_LINK and not mass > 0.0:
+            links = range(bullet.getNumJoints(body))
+            masses = [bullet.getDynamicsInfo(body, each)[MASS] for each in links]
+            mass = min((each for each in masses if each > 0.0), default=0.0)
         if mass > 0.0:
             mobility += 1.0 / mass
     return 1.0 / mobility
@@ -163,8 +173,9 @@ def _reduced_mass(bullet: BulletClient, sides: Iterable[tuple[int, int]]) -> flo
 
 @checked
 def remove(number: int, *, client: int = 0) -> None:
-    """End a law; Bullet's own contact of its pair acts again. SettingError
-    if the client has no such law.
+    """End a law; Bullet's own contact of its pair acts again.
+
+    number: of the law, as `add` returned it. Raises SettingError if the client has no such law.
     """
     if BulletClient(client).executePluginCommand(load(client), "remove", [number]) < 0:
         raise SettingError(
@@ -238,7 +249,7 @@ def find(
 def restitution_of(command: str) -> RestitutionCurve | None:
     """Restitution curve that a command which adds a law asks for; None for a law later than 1975.
 
-    command: as `command` writes it.
+    command: text of the plug-in's command, such as "restitution alpha=.3".
     """
     name, *parts = command.split()
     keys = dict(part.split("=", 1) for part in parts)

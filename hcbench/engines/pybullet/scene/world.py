@@ -26,6 +26,7 @@ from hcbench.engines.pybullet.backend import (
     DISTANCE,
     FORCE,
     LASTING_SETTINGS,
+    MASS,
     UNCLIPPED,
     BulletClient,
     client,
@@ -284,7 +285,8 @@ class PybulletSimulation(Simulation):
         self._reads_position = count == 1
         self._oblique = oblique
         self._which = list(range(count))
-        self._position, self._motion = self._positions(), self._motions()
+        self._position = self._positions()
+        self._motion = self._motions()
 
     def advance(self, steps: int) -> Record:
         """Take `steps` steps of all balls, and return their record.
@@ -399,7 +401,7 @@ def _make_ready(bullet: BulletClient, scene: Scene, options: PybulletOptions, ba
         # Without its mass a body of maximal coordinates would get any inertia.
         inertia = [scene.inertia] * 3
         bullet.changeDynamics(ball, -1, mass=scene.mass, localInertiaDiagonal=inertia)
-    elif bullet.getDynamicsInfo(ball, -1)[0] != scene.mass:
+    elif bullet.getDynamicsInfo(ball, -1)[MASS] != scene.mass:
         bullet.changeDynamics(ball, -1, mass=scene.mass)
     keywords: dict[str, Any] = {}
     if scene.friction:

@@ -43,7 +43,8 @@ def mixing(context: Context) -> Iterator[Suspect]:
     written = context.written
     if written is None or (explicit_pairs(model, context.geoms) and not context.overridden):
         return
-    solref, solimp, _ = context.place.contact.rows[0]
+    solref = context.place.contact.rows[0].solref
+    solimp = context.place.contact.rows[0].solimp
     if context.overridden:
         flags = model.opt.enableflags & ~int(backend().mjtEnableBit.mjENBL_OVERRIDE)
         yield Suspect(

@@ -51,7 +51,8 @@ class Context:
     @cached_property
     def written(self) -> SoftConstraint | None:
         """The contact as its author wrote it; None where different ones add up."""
-        return written_contact(self.place)[0]
+        contact, _ = written_contact(self.place)
+        return contact
 
     @cached_property
     def used(self) -> SoftConstraint | None:
@@ -59,7 +60,7 @@ class Context:
 
         With refsafe, MuJoCo's default, no time constant is below two steps.
         """
-        parameters = {row[:2] for row in self.place.contact.rows}
+        parameters = {(row.solref, row.solimp) for row in self.place.contact.rows}
         if len(parameters) > 1:
             return None
         ((solref, solimp),) = parameters

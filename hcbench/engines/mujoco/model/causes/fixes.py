@@ -19,10 +19,10 @@ _LEAST_E = 0.01
 
 
 def solref_of(e: float, timestep: float, integrator: str) -> tuple[float, float]:
-    """solref, in the direct format, that has this e at a step (s) with STIFF_SOLIMP.
+    """solref, in the direct format, that has the restitution e with STIFF_SOLIMP.
 
-    A bounce in one step where the integrator allows it; under RK4 and discrete a spring and damper
-    of a few steps, with an e of 0.01 at least.
+    timestep: s. integrator: as XML spells it. A bounce in one step where the integrator allows it;
+    under RK4 and discrete a spring and damper of a few steps, with an e of 0.01 at least.
     """
     if integrator in ("RK4", "discrete"):
         law = matched(
@@ -40,6 +40,7 @@ def set_contact(
     model: changed.
     geoms: their numbers, both sides of the contact.
     solref: (timeconst s, dampratio) or (-stiffness 1/s², -damping 1/s); None leaves it as it is.
+    solimp: MuJoCo's five numbers.
     """
     pairs = explicit_pairs(model, geoms)
     source, rows = ("pair", pairs) if pairs else ("geom", list(geoms))

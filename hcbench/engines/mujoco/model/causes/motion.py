@@ -55,7 +55,8 @@ def servo_damping(context: Context) -> Iterator[Suspect]:
     off = context.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_ACTUATION
     if context.integrator not in ("implicit", "implicitfast") or off or not model.nu:
         return
-    # The same place is a force of a muscle, and nothing where there is no bias.
+    # MuJoCo: force = gain ctrl + b0 + b1 length + b2 velocity, so b2 is -kv of a servo. The same
+    # place is a force of a muscle, and nothing where there is no bias.
     is_servo = model.actuator_biastype == int(backend().mjtBias.mjBIAS_AFFINE)
     damped = np.flatnonzero(is_servo & (model.actuator_biasprm[:, 2] != 0.0))
     if damped.size:

@@ -12,8 +12,9 @@ from scipy.integrate import quad, solve_ivp
 from hcbench.laws import closed_form
 from hcbench.laws.kelvin_voigt import Ending
 from hcbench.laws.ode import impact
-from hcbench.laws.quadratic import QuadraticDamping, restitution, turning_point
 from hcbench.paper import approximations as ap
+from hcbench.paper.approximations import QuadraticDamping, turning_point
+from hcbench.paper.approximations import quadratic_restitution as restitution
 from hcbench.system.errors import UserError
 
 K, MASS, ALPHA = 3.4064e10, 0.45359237, 0.3

@@ -1,10 +1,11 @@
-"""MuJoCo, a single contact: solref and all five numbers of solimp are searched for.
+"""MuJoCo, one row of contact: a bounce in a single step or a spring and damper, with the best
+constant e; or all numbers of solref and solimp searched for, so that e falls with speed.
 
-One row gives a = d (S d/dw² r + D/dw v). The best that its numbers can do is a step: an impedance
-that stays at its floor until half its width and jumps to its top there holds the ball up with a
-nearly constant force F (1 + a v), and the restitution of that is the restitution of eq. (16), for
-any exponent. How sharp the step can be is set by MuJoCo's arithmetic, which underflows beyond a
-power of about 1020 (at midpoint 0.5).
+The search: one row gives a = d (S d/dw² r + D/dw v). The best that its numbers can do is a step: an
+impedance that stays at its floor until half its width and jumps to its top there holds the ball up
+with a nearly constant force F (1 + a v), and the restitution of that is the restitution of eq.
+(16), for any exponent. How sharp the step can be is set by MuJoCo's arithmetic, which underflows
+beyond a power of about 1020 (at midpoint 0.5).
 """
 
 import math
@@ -13,9 +14,16 @@ from typing import Any
 
 import numpy as np
 
-from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, rows_options
-from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, impedance
-from hcbench.recipes.recipe import Recipe, Role, Search, map_result
+from hcbench.engines.mujoco.recipes.common import DAMPED_STEP, SOFTENED, WEAK_FRICTION, rows_options
+from hcbench.engines.mujoco.scene.rows import (
+    MAX_IMPEDANCE,
+    MIN_IMPEDANCE,
+    STIFF_SOLIMP,
+    ConstraintRow,
+    impedance,
+)
+from hcbench.recipes import constant
+from hcbench.recipes.recipe import Integrators, Recipe, Role, Search, map_result
 from hcbench.recipes.target import Target
 from hcbench.sim.columns import Whole
 from hcbench.system.errors import SettingError
@@ -101,7 +109,8 @@ def _way_in(work: Floats, damping: Floats, speeds: Floats) -> tuple[Whole, Float
     """(number of the interval in which each impact turns round, -1 where it goes through all; the
     share of that interval, 0 to 1, that it gets into); (population, speeds) each.
 
-    work, damping: of the intervals, as `_work_and_damping` gives them. speeds: at touch.
+    work, damping: elastic work and damping of each interval of depth, (population, intervals).
+    speeds: at touch, over the highest of the band, (speeds,).
     """
     v = np.broadcast_to(speeds, (len(work), len(speeds))).copy()
     last = np.full(v.shape, -1)
@@ -126,9 +135,10 @@ def _way_in(work: Floats, damping: Floats, speeds: Floats) -> tuple[Whole, Float
 def _way_out(work: Floats, damping: Floats, last: Whole, part: Floats) -> Floats:
     """Speed at which each impact leaves, (population, speeds), in the highest speed of the band.
 
-    work, damping: of the intervals, as `_work_and_damping` gives them.
-    last, part: where each turns round, as `_way_in` gives them. An interval in which the damping
-    would pull adds nothing: the contact only pushes.
+    work, damping: elastic work and damping of each interval of depth, (population, intervals).
+    last, part: the interval in which each turns round, and the share of it that it gets into,
+    (population, speeds). An interval in which the damping would pull adds nothing: the contact only
+    pushes.
     """
     s = np.zeros(part.shape)
     for i in range(int(last.max()), -1, -1):
@@ -144,12 +154,11 @@ def _way_out(work: Floats, damping: Floats, last: Whole, part: Floats) -> Floats
 
 @lru_cache(maxsize=64)
 def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
-    """Parameters (6,), in the order of _LOWEST, with the least largest error of e.
+    """Parameters of one row, (6,), in the order of _LOWEST, with the least largest error of e,
+    found by an evolution and by Nelder and Mead's method.
 
-    shares: speeds over the highest.
-    wanted: e at each.
-
-    Raises SearchInterrupted with the best so far.
+    shares: speeds over the highest, rising. wanted: e at each. Raises SearchInterrupted with the
+    best so far.
     """
     # SciPy's optimisation is slow to import.
     from scipy.optimize import Bounds, differential_evolution, minimize
@@ -208,9 +217,10 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
 
 
 def soft(target: Target, integrator: str = "Euler") -> dict[str, Any]:
-    """Options of a setting: one contact that follows e(v) as nearly as one contact can.
+    """Options of a setting, by name: one contact that follows e(v) as nearly as one contact can.
 
-    Raises SettingError where the step is too coarse, SearchInterrupted with the best so far.
+    integrator: that the options name. Raises SettingError where the step is too coarse,
+    SearchInterrupted with the best so far.
     """
     width = STEPS_OF_A_WIDE_SPRING * target.timestep * target.speed_max
     if width > _DEEPEST:
@@ -256,4 +266,94 @@ SOFT = Recipe(
     steps_min=STEPS_OF_A_LOOP,
     # Many times deeper than the law's contact: never chosen automatically.
     by_auto=False,
+)
+
+
+# MuJoCo: one row with the best constant e: a bounce in a single step, or a spring and damper with
+# the law's contact time.
+
+
+def impulse(target: Target, integrator: str = "Euler", spring: float = 0.0) -> dict[str, Any]:
+    """Options of a setting, by name: one contact whose damping turns v into -e v within the step
+    that finds it closed.
+
+    target: e is the best constant of its band; its step counts. integrator: that the options name.
+    spring: K, 1/s².
+    A contact of impedance d gives the acceleration a = d (K x - D v) + (1 - d) g: with D = (1 +
+    e)/h a step h ends in v - (1 + e) v = -e v, at any depth x. K is 0 for an e that is exact at
+    every phase. A K above 0 lifts a body at rest out of the slow creep that the missing 1 - d
+    allows, to a depth of 1e-4 g / K, at the price of up to K h² / 2 in e.
+    """
+    e, _ = constant.minimax_constant(target)
+    h = target.timestep
+    # A step finds the ball 0 ... v h deep: half of K h takes the spring's mean effect on e out.
+    damping = (1 + e) / h - spring * h / 2
+    return rows_options(
+        integrator, ConstraintRow.direct(spring * MAX_IMPEDANCE, damping, STIFF_SOLIMP)
+    )
+
+
+IMPULSE = Recipe(
+    "mujoco",
+    "impulse",
+    Role.CONSTANT_E,
+    impulse,
+    "One step turns v into -e v: the best constant e, exact without gravity and friction; no force loop.",
+    (
+        "Use the integrator Euler, implicit or implicitfast; RK4 and discrete give e = 0 and are refused.",
+        "The numbers serve every body at every speed, at this step only.",
+        "If you change the step, change solref too: D = (1 + e)/h.",
+        "Set solref and solimp on both geoms or in a <pair>: MuJoCo mixes those of the two geoms.",
+        "At rest under gravity a body drifts into the plate at about 1e-4 g h / (1 + e).",
+        "Do not use it with friction, which throws a sliding body up: use `compliant`.",
+        "Under gravity e varies by up to (1 + e) g h / v with the phase of the step.",
+        "The bounce takes one step: contact force, stress and contact time mean nothing.",
+    ),
+    one_step=True,
+    integrators=Integrators(
+        ("Euler", "implicit", "implicitfast"), "the recipe assumes one contact force a step"
+    ),
+)
+
+
+def spring_damper(target: Target, integrator: str = "Euler") -> dict[str, Any]:
+    """Options of a setting, by name: a Kelvin-Voigt contact, eq. (4), by solref in its direct form,
+    with the best constant e of the band.
+
+    integrator: that the options name, and that the numbers are for. Of impedance d throughout, the
+    contact is a = S x / d + D v. S and D are those whose discrete orbit x+ = x + h v+, v+ = v - h
+    (S/d x + D v) has the poles exp((-β ± i ω) h) of the wanted motion exactly, so the step does not
+    shift e or the contact time to first order.
+    """
+    e, _ = constant.minimax_constant(target)
+    beta, omega = constant.spring_damper(e, constant.contact_time(target), "impulse")
+    h = target.timestep
+    if integrator == "RK4":
+        spring = omega**2 + beta**2
+        damping = 2 * beta
+    else:
+        decay = math.exp(-beta * h)
+        damping = (1 - decay**2) / h
+        spring = (1 + decay**2 - 2 * decay * math.cos(omega * h)) / h**2
+    return rows_options(
+        integrator, ConstraintRow.direct(spring * MAX_IMPEDANCE, damping, STIFF_SOLIMP)
+    )
+
+
+SPRING_DAMPER = Recipe(
+    "mujoco",
+    "spring-damper",
+    Role.CONSTANT_E,
+    spring_damper,
+    "A linear spring and damper: the best constant e, and the law's contact time at the middle speed.",
+    (
+        "Use the integrator Euler, implicit, implicitfast or RK4; discrete is refused: it lowers e by 0.2.",
+        "The numbers are per unit effective mass, so they give the same e for any mass.",
+        "A contact lasts at least 20 steps: where the law's is shorter, hcbench softens the spring.",
+        SOFTENED,
+        WEAK_FRICTION,
+        "e does not depend on speed, and the force jumps at touch: the force loop is not the law's.",
+        "Set solref and solimp on both geoms or in a <pair>: MuJoCo mixes those of the two geoms.",
+    ),
+    integrators=DAMPED_STEP,
 )

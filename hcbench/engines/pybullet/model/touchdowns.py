@@ -1,0 +1,255 @@
+"""PyBullet: a recorded motion of a world's bodies, read for the speeds at which their links met the
+floor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from hcbench.engines.pybullet import plugin
+from hcbench.engines.pybullet.backend import (
+    BACKEND,
+    DISTANCE,
+    LINK_A,
+    LINK_B,
+    NORMAL,
+    POINT_A,
+)
+from hcbench.engines.pybullet.model.bodies import FIXED, JOINT_TYPE, PRISMATIC, REVOLUTE, BulletBody
+from hcbench.engines.pybullet.model.causes import RESTITUTION, promise_in
+from hcbench.engines.pybullet.model.list_pairs import find_pair
+from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart
+from hcbench.sim.motion import Motion, NewTouches
+from hcbench.sim.touch import Touchdowns, TrajectoryTouchdowns
+from hcbench.system.errors import QuantityError, UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from hcbench.engines.pybullet.backend import BulletClient
+    from hcbench.engines.pybullet.model.open import LoadedWorld
+    from hcbench.sim.model_under_test import Request
+    from hcbench.terms.impact import Floats
+
+# Bullet stops a body before it enters another: up to this distance the two touch, m.
+_TOUCHING = 1e-4
+# Numbers of a free base: its place and quaternion; its velocity and spin.
+_PLACE, _BASE_Q, _BASE_V = 3, 7, 6
+# A quaternion shorter than this is none.
+_LEAST_QUATERNION = 1e-6
+# The plug-in's law holds at any speed.
+_ANY_SPEED = (0.0, float("inf"))
+
+# Two links that meet: numbers of body and link, of the one that moves first.
+_Links = tuple[int, int, int, int]
+
+
+class _Touchdown(NamedTuple):
+    """A touchdown of one link on another: time, s; speed together and along each other, m/s."""
+
+    time: float
+    speed: float
+    slide: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Moving:
+    """A body that moves, in the order of PyBullet's numbers. joints: of its hinges and slides."""
+
+    body: int
+    is_free: bool
+    joints: list[int]
+
+    @property
+    def widths(self) -> tuple[int, int]:
+        """Numbers that a state has of it: count of positions, and of velocities."""
+        base = (_BASE_Q, _BASE_V) if self.is_free else (0, 0)
+        return base[0] + len(self.joints), base[1] + len(self.joints)
+
+    def put(self, bullet: BulletClient, qpos: Floats, qvel: Floats) -> None:
+        """Put the body into a state, by its own numbers alone."""
+        if self.is_free:
+            bullet.resetBasePositionAndOrientation(
+                self.body, qpos[:_PLACE].tolist(), qpos[_PLACE:_BASE_Q].tolist()
+            )
+            bullet.resetBaseVelocity(
+                self.body, qvel[:_PLACE].tolist(), qvel[_PLACE:_BASE_V].tolist()
+            )
+        positions = qpos[len(qpos) - len(self.joints) :].tolist()
+        velocities = qvel[len(qvel) - len(self.joints) :].tolist()
+        for joint, position, velocity in zip(self.joints, positions, velocities, strict=True):
+            bullet.resetJointState(self.body, joint, position, velocity)
+
+
+class _Contact(NamedTuple):
+    """A contact of two links: point, m, and unit normal on the first one, (3,) each."""
+
+    links: _Links
+    point: Floats
+    normal: Floats
+
+
+class _Recording:
+    """The bodies of a world that move, and the states of a recording. Raises UserError for a joint
+    that a state cannot have, and as `Motion.read` does.
+    """
+
+    def __init__(self, bullet: BulletClient, recorded: Mapping[str, Floats]) -> None:
+        self.bullet = bullet
+        self.moving = list(_moving_bodies(bullet))
+        widths = np.array([one.widths for one in self.moving]).reshape(-1, 2)
+        nq, nv = widths.sum(axis=0).tolist()
+        # Where the numbers of each body begin.
+        self._starts = np.cumsum(widths, axis=0) - widths
+        timestep = float(bullet.getPhysicsEngineParameters()["fixedTimeStep"])
+        self.motion = Motion.read(recorded, nq, nv, timestep, self._layout())
+        for one, (start, _) in zip(self.moving, self._starts.tolist(), strict=True):
+            turns = self.motion.qpos[:, start + _PLACE : start + _BASE_Q]
+            if one.is_free and np.linalg.norm(turns, axis=1).min() < _LEAST_QUATERNION:
+                got = f"a quaternion of body {one.body} is 0"
+                raise QuantityError("trajectory", got, "one of length 1, x y z w")
+
+    def put(self, state: int) -> None:
+        """Put the world into a state, with its contacts."""
+        for one, (q, v) in zip(self.moving, self._starts.tolist(), strict=True):
+            nq, nv = one.widths
+            qpos = self.motion.qpos[state, q : q + nq]
+            one.put(self.bullet, qpos, self.motion.qvel[state, v : v + nv])
+        self.bullet.performCollisionDetection()
+
+    def _layout(self) -> str:
+        """The numbers of a state, in words."""
+        parts = []
+        for one in self.moving:
+            base = "x y z, quaternion x y z w, " if one.is_free else ""
+            parts.append(f"body {one.body}: {base}{len(one.joints)} joints")
+        return "; ".join(parts)
+
+
+def _moving_bodies(bullet: BulletClient) -> Iterator[_Moving]:
+    """The bodies with a free base or joints. Raises UserError for a ball joint or a planar one, whose
+    state PyBullet sets otherwise.
+    """
+    for body in bullet.bodies():
+        joints = []
+        for joint in range(bullet.getNumJoints(body)):
+            kind = bullet.getJointInfo(body, joint)[JOINT_TYPE]
+            if kind not in (REVOLUTE, PRISMATIC, FIXED):
+                got = f"joint {joint} of body {body} is neither a hinge nor a slide"
+                raise UserError("trajectory", got, "a model of hinges and slides")
+            if kind != FIXED:
+                joints.append(joint)
+        is_free = bullet.getDynamicsInfo(body, -1)[0] > 0.0
+        if is_free or joints:
+            yield _Moving(body, is_free, joints)
+
+
+def touchdowns(
+    world: LoadedWorld, request: Request, recorded: Mapping[str, Floats]
+) -> TrajectoryTouchdowns:
+    """Every touchdown of a link that moves on a body that does not, or of the request's pair.
+
+    The bodies of the world are left in a state of the recording.
+    recorded: qpos and qvel, (n, ...), of all bodies that move, in PyBullet's order: of a free base
+    what getBasePositionAndOrientation and getBaseVelocity return, then of its hinges and slides
+    what getJointState does; and time (n,), s, where it is known.
+    Raises UserError for other shapes, states that cannot be, and a pair that the world has not.
+    """
+    recording = _Recording(world.bullet, recorded)
+    pair = None if request.pair is None else find_pair(world, request.pair)
+    events = _events(recording, pair)
+    feet = [_foot(world, links, of_links) for links, of_links in events.items()]
+    feet.sort(key=lambda foot: (-len(foot.time), foot.part))
+    motion = recording.motion
+    return TrajectoryTouchdowns(
+        "pybullet",
+        BACKEND.version(),
+        world.label,
+        len(motion.qpos),
+        motion.interval,
+        tuple(feet),
+    )
+
+
+def _events(
+    recording: _Recording, pair: tuple[BodyPart, BodyPart] | None
+) -> dict[_Links, list[_Touchdown]]:
+    """Touchdowns of every two links, in the order of time.
+
+    pair: the two that count; None: a link that moves, on a body that does not.
+    The speeds are those of the state before, or of the first in contact, the faster of the two: a
+    contact slows, and free flight may speed up, within the time between two states.
+    """
+    touches = NewTouches(recording.motion.time)
+    events: dict[_Links, list[_Touchdown]] = {}
+    for state, time in enumerate(recording.motion.time.tolist()):
+        recording.put(state)
+        every = _contacts(recording, pair)
+        begun = [contact for contact in every if touches.begins(contact.links, state)]
+        at_touch = [_closing_speeds(recording.bullet, contact) for contact in begun]
+        if begun:
+            recording.put(state - 1)
+        for contact, speeds in zip(begun, at_touch, strict=True):
+            speed, slide = max(speeds, _closing_speeds(recording.bullet, contact))
+            if speed > 0.0:
+                events.setdefault(contact.links, []).append(_Touchdown(time, speed, slide))
+    return events
+
+
+def _contacts(recording: _Recording, pair: tuple[BodyPart, BodyPart] | None) -> Iterator[_Contact]:
+    """The contacts of the present state that count, see `_events`."""
+    bullet = recording.bullet
+    moving = [one.body for one in recording.moving]
+    if pair is None:
+        still = [body for body in bullet.bodies() if body not in moving]
+        sides = [_every_link(body, other) for body, other in product(moving, still)]
+    else:
+        sides = [pair if pair[0].body in moving else pair[::-1]]
+    for first, second in sides:
+        for contact in bullet.getContactPoints(first.body, second.body):
+            one, two = contact[LINK_A], contact[LINK_B]
+            is_asked = first.link in (ANY_LINK, one) and second.link in (ANY_LINK, two)
+            if is_asked and contact[DISTANCE] <= _TOUCHING:
+                links = (first.body, one, second.body, two)
+                yield _Contact(links, np.array(contact[POINT_A]), np.array(contact[NORMAL]))
+
+
+def _every_link(body: int, other: int) -> tuple[BodyPart, BodyPart]:
+    return BodyPart("", body, ANY_LINK), BodyPart("", other, ANY_LINK)
+
+
+def _closing_speeds(bullet: BulletClient, contact: _Contact) -> tuple[float, float]:
+    """(speed at which two links close in, at which they slide on each other) at the point of a
+    contact in the present state, m/s.
+    """
+    body, link, other, other_link = contact.links
+    point = contact.point.tolist()
+    velocity = np.array(BulletBody(bullet, body).velocity_at(link, point))
+    velocity -= BulletBody(bullet, other).velocity_at(other_link, point)
+    away = float(contact.normal @ velocity)
+    return -away, float(np.linalg.norm(velocity - away * contact.normal))
+
+
+def _foot(world: LoadedWorld, links: _Links, events: list[_Touchdown]) -> Touchdowns:
+    """Touchdowns of two links, one or more, with the band of speeds that their setting holds in."""
+    bullet = world.bullet
+    sides = (BodyPart("", *links[:2]), BodyPart("", *links[2:]))
+    promise = promise_in(bullet, sides)
+    law = None if world.files else plugin.find(links[:2], links[2:], client=bullet.client)
+    band = None
+    if law is not None:
+        band = _ANY_SPEED
+        setting = f"plug-in hcbench: {law[1]}"
+    elif promise is not None:
+        band = promise.speeds
+        setting = f"{promise.setting} by hcbench: {promise.curve.description}"
+    else:
+        values = [bullet.getDynamicsInfo(side.body, side.link)[RESTITUTION] for side in sides]
+        setting = f"restitution {values[0]:g} x {values[1]:g}"
+    time, speed, slide = np.array(events).T
+    part, other = (world.name_of(side.body, side.link) for side in sides)
+    return Touchdowns(part, other, time, speed, slide, band, setting)
