@@ -71,7 +71,7 @@ OF_TIMES = {
     + lines("{i}\n00:00:0{x:.3f} --> 00:00:0{x:.3f}\n*knock* impact {i}\n")
     + "12\n00:00:09,000 --> 00:00:09,900\nThank you\n",
     "wide signs": "".join(
-        f"　{i}回目の接触　　{1e3 * x:.1f}　ミリ秒\n".translate({**{48 + k: 0xFF10 + k for k in range(10)}, 46: 0xFF0E})
+        f"　{i}回目の接触　　{1e3 * x:.1f}　ミリ秒\n".translate({k: 0xFEE0 + k for k in range(46, 58)})
         for i, x in enumerate(T, 1)
     ),
 }  # fmt: skip
