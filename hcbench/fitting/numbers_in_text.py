@@ -213,13 +213,11 @@ def _records(
                 record.setdefault(called, number)
         _join_stamp(record)
         records.append(record)
-    # Among other titles or labels, those of touches.
-    often = {name for name in all_words if sum(name in record for record in records) >= _LEAST}
-    for name in filter(_is_event, sorted(often)):
+    # Among other titles or labels, those of touches, numbered one after the other.
+    for name in filter(_is_event, all_words):
         kept = [i for i, record in enumerate(records) if name in record]
-        records, starts = [records[i] for i in kept], [starts[i] for i in kept]
-    if len(records) < _LEAST:
-        return _Columns()
+        if len(kept) >= _LEAST and counts([records[i][name] for i in kept]):
+            records, starts = [records[i] for i in kept], [starts[i] for i in kept]
     names = tuple(name for name in records[0] if all(name in record for record in records))
     before = [(number, (_plain(line),)) for number, line in lines[: starts[0]]]
     rows = [
