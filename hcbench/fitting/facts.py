@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _NUMBER = r"[-+−]?(?:\d+(?:[.,]\d+)?|\.\d+)(?:e[-+]?\d+)?(?![.,]?\d)"
 _NEXT = rf"\s*[\s,;]\s*(?:\"?[xyz]\"?\s*[:=]\s*|-\s+)?{_NUMBER}"
-# "m/s^2", "m/s²", "m s-2", "m_s2", "mps2", "N/kg", as `folded` has them.
+# "m/s^2", "m/s²", "m s-2", "m_s2", "mps2", "N/kg", in lower case.
 _LENGTHS = {"m": 1.0, "м": 1.0, "n": 1.0, "cm": 1e-2, "см": 1e-2, "mm": 1e-3, "ft": 0.3048}
 _UNIT = rf"({'|'.join(_LENGTHS)})[\s/_·*.p]*(?:(?:sec|s|с)[\s^*_]*[-−]?2|kg)"
 # A gravity after signs, with an opening bracket where it is a vector; or after words, with a unit.

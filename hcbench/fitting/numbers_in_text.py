@@ -56,7 +56,7 @@ _OF_TYPE = re.compile(
 )
 # What parts the phrases of a text, and the words of one.
 _SIGNS = re.compile(r"[=:,;{}\[\]\"|<>\n]+|//")
-# With the vowels that stand about a letter in Hindi or Thai, which are no letters of their own.
+# With the vowels that stand about a letter in Hindi or Thai: Python counts them as signs.
 _VOWELS = "".join(chr(i) for i in range(0x300, 0x1200) if unicodedata.category(chr(i))[0] == "M")
 _LETTERS = re.compile(rf"[^\W\d](?:[^\W\d]|[{_VOWELS}])*")
 _LABEL = re.compile(r"(\d+\.\d{3,})\t(\d+\.\d{3,})\t(.+)")
