@@ -19,7 +19,7 @@ from hcbench.measuring.curve import CurvePoint
 from hcbench.measuring.text import as_record, cause_lines
 from hcbench.sim.packages import named_folders
 from hcbench.system.errors import UserError
-from hcbench.system.text import number, sanitized, table, without_empty
+from hcbench.system.text import LONGEST_NOTE, number, sanitized, table, without_empty
 from hcbench.terms.fields import read_toml, validate
 
 # Schema 1 had a row of other keys, whose error was that of the worst phase.
@@ -62,7 +62,9 @@ def outcome_text(outcome: Outcome) -> str:
     if outcome.measurement is not None:
         lines += outcome.measurement.headline
         # A check prints only those notes of `measure` by which its numbers may be wrong.
-        lines += [f"note: {sanitized(note)}" for note in outcome.measurement.facts.warnings]
+        lines += [
+            f"note: {sanitized(note, LONGEST_NOTE)}" for note in outcome.measurement.facts.warnings
+        ]
     if outcome.against:
         against = f"against {outcome.against}"
         if not math.isnan(outcome.max_error):

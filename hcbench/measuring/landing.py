@@ -28,7 +28,7 @@ from hcbench.sim.capabilities import LandsRobots
 from hcbench.sim.landing import PARTED_S, WINDOW_S, DropPlan, Landing, Landings
 from hcbench.sim.touch import Touchdowns, TrajectoryTouchdowns
 from hcbench.system.errors import QuantityError, UserError
-from hcbench.system.text import number, sanitized, table, time_step, without_empty
+from hcbench.system.text import LONGEST_NOTE, number, sanitized, table, time_step, without_empty
 from hcbench.terms import units
 from hcbench.terms.arguments import checked
 from hcbench.terms.impact import Floats
@@ -280,7 +280,7 @@ def headline(landings: Landings) -> list[str]:
         f" {sanitized(landings.start)}, on {sanitized(landings.floor)}",
         f"{landings.engine} {landings.version}, step {time_step(landings.timestep)} s, gravity"
         f" {landings.gravity:.4g} m/s^2; {sanitized(landings.controller)}",
-        *(f"note: {sanitized(note)}" for note in landings.notes),
+        *(f"note: {sanitized(note, LONGEST_NOTE)}" for note in landings.notes),
     ]
 
 

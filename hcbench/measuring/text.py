@@ -12,14 +12,12 @@ from hcbench.laws.restitution import Restitution
 from hcbench.measuring import contact
 from hcbench.measuring.curve import CurvePoint
 from hcbench.measuring.measurement import Cause, Measurement
-from hcbench.system.text import number, sanitized, table, without_empty
+from hcbench.system.text import LONGEST_NOTE, number, sanitized, table, without_empty
 from hcbench.terms.impact import Impact
 from hcbench.terms.records import IMPACT, LOOP, PHASE, REST, SPEED, record
 from hcbench.terms.resolution import NOTABLE_SHARE
 
 SCHEMA = 1
-# Characters of a note that are printed: hcbench's own sentences are longer than a user's names.
-_LONGEST_NOTE = 400
 _LOOP_SAMPLES = 200
 # From this α v on a loop of the law has an area to compare with.
 _LOSSY = 1e-3
@@ -124,7 +122,7 @@ def as_text(measurement: Measurement) -> str:
     if measurement.rest is not None:
         lines.append(f"at rest: {measurement.rest.text}")
     notes = (*facts.notes, *motion_notes(measurement))
-    lines += [f"note: {sanitized(note, _LONGEST_NOTE)}" for note in notes]
+    lines += [f"note: {sanitized(note, LONGEST_NOTE)}" for note in notes]
     lines += ["", *_curve_lines(measurement), *_along_lines(measurement), ""]
     if measurement.contact is not None:
         lines += [*contact.as_lines(measurement.contact), ""]

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 
 _LONGEST = 200
+# Characters of a note that are printed: hcbench's own sentences are longer than a user's names.
+LONGEST_NOTE = 400
 # Columns of a line for people.
 COLUMNS = 100
 # Control characters, direction marks and line separators: nothing of these is printed.
