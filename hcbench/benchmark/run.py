@@ -80,6 +80,8 @@ class Workers:
     task_s: time that a task should take, s: short jobs are put together until they take so long. 0
     gives each job a task of its own.
     advice: what an error tells the user to do after the executor failed.
+    start: returns which start of the executor's own scheduler takes the tasks now: one that was
+    started again knows none of those before.
     """
 
     executor: Executor
@@ -87,6 +89,7 @@ class Workers:
     mapper: Callable[..., Iterable[Any]] = map
     task_s: float = 0.0
     advice: str = GO_ON
+    start: Callable[[], str] = str
 
 
 @checked
@@ -185,8 +188,8 @@ def workers_for(executor: Executor | None, scheduler: str | None, jobs: int) -> 
         width = int(getattr(executor, "_max_workers", jobs))
         yield Workers(executor, lambda: width)
     elif scheduler is not None:
-        with connected(scheduler) as (cluster, threads):
-            yield Workers(cluster, threads, task_s=_TASK_S)
+        with connected(scheduler) as (cluster, threads, start):
+            yield Workers(cluster, threads, task_s=_TASK_S, start=start)
     else:
         with WorkerPool(jobs) as pool:
             yield Workers(pool.threads, lambda: jobs, pool.map)
@@ -284,8 +287,17 @@ def imap_unordered(
                 "executor", str(error), "one that takes work", workers.advice
             ) from error
 
+    start = workers.start()
     try:
         while True:
+            if (now := workers.start()) != start:
+                # A future that was sent on its way to the scheduler before would never end.
+                start = now
+                lost = list(running.items())
+                running.clear()
+                for future, (task, tries) in lost:
+                    future.cancel()
+                    submit(task, tries)
             while len(running) < _AHEAD * workers.width() and (
                 task := list(islice(waiting, jobs_a_task))
             ):
@@ -326,9 +338,12 @@ _INSTALL = "pip install distributed pyarrow"
 
 
 @contextmanager
-def connected(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
-    """Connect to a scheduler: its executor, and a function that counts the tasks its workers run at
-    once, 1 or more. The connection ends with the block.
+def connected(
+    address: str,
+) -> Iterator[tuple[Executor, Callable[[], int], Callable[[], str]]]:
+    """Connect to a scheduler: its executor, a function that counts the tasks its workers run at
+    once, 1 or more, and one that returns which start of the scheduler it is. The connection ends
+    with the block.
 
     address: such as "tcp://host:8786".
 
@@ -355,7 +370,7 @@ def connected(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
     with _quiet():
         try:
             _require_workers(client, address)
-            yield client.get_executor(pure=False), _width(client, address)
+            yield client.get_executor(pure=False), _width(client, address), _start(client)
         except Exception:
             if client.status == "running":
                 raise
@@ -382,6 +397,29 @@ def _quiet() -> Iterator[None]:
     finally:
         for logger, level in zip(loggers, levels, strict=True):
             logger.setLevel(level)
+
+
+def _start(client: Any) -> Callable[[], str]:
+    """Return a function that returns the name which the scheduler gave itself as it started, read
+    at most once in _COUNT_S.
+
+    client: Dask's.
+    """
+    name = ""
+    read = -math.inf
+
+    def start() -> str:
+        """The name, as it was last told."""
+        nonlocal name, read
+        now = time.monotonic()
+        if now - read >= _COUNT_S:
+            # Without an answer Dask connects again.
+            with suppress(OSError):
+                name = str(client.scheduler_info()["id"])
+                read = now
+        return name
+
+    return start
 
 
 def _width(client: Any, address: str) -> Callable[[], int]:

@@ -123,6 +123,29 @@ def test_short_parts_go_to_a_cluster_together(
     assert max(executor.sizes) == most
 
 
+class Forgetful(Executor):
+    """An executor of a scheduler that is started again: what it took before has no answer."""
+
+    def __init__(self, inner: Executor) -> None:
+        self._inner, self.taken = inner, 0
+
+    def submit(self, fn: Any, /, *args: Any, **_: Any) -> Future[Any]:
+        self.taken += 1
+        return Future() if self.taken == 1 else self._inner.submit(fn, *args)
+
+
+def test_a_task_that_a_scheduler_forgot_is_handed_out_again(
+    monkeypatch: pytest.MonkeyPatch, simulated: Any
+) -> None:
+    monkeypatch.setattr(plan, "SHARD_IMPACTS", 8)
+    parts, executor = simulated.planned(100), Forgetful(simulated.Done())
+    workers = run.Workers(
+        executor, lambda: 1, start=lambda: "second" if executor.taken else "first"
+    )
+    run.run_plan(parts, Store(simulated.Counted()), workers, False, lambda _: None, Timeouts())
+    assert executor.taken == len(parts) + 1
+
+
 def test_the_page_plans_10_9_impacts_as_they_are_cut(simulated: Any) -> None:
     text = (ROOT / "docs/reference/sweeps.md").read_text(encoding="utf-8")
     rows = dict(
