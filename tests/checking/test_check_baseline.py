@@ -139,7 +139,7 @@ def test_a_baseline_with_an_angle_takes_the_same_angle_again(
 
 
 def test_a_baseline_takes_the_place_of_the_targets_of_a_file(tmp_path: Path) -> None:
-    """It was refused beside `target` and beside limits on a landing, which no baseline has."""
+    """Files with a `target`, or with limits on a landing, which no baseline has, were refused."""
     file = baseline_at(tmp_path, 0.0)
     model = f"model = '{GOOD}'\npair = 'ball,plate'\n"
     linear = f"[[check]]\nname = 'a'\n{model}alpha = 0.1\ntarget = 'linear'\n"

@@ -75,7 +75,7 @@ def test_a_launch_that_no_body_can_have_is_refused(given: dict[str, Any]) -> Non
 
 @pytest.mark.parametrize("angle", [math.pi / 2, 2.0, -2.0, math.inf, math.nan, "30 deg", None])
 def test_a_body_cannot_be_sent_at_an_angle_of_90_degrees_or_more(angle: Any) -> None:
-    """Its slip once had the wrong sign."""
+    """The tangent gave a slip of the wrong sign."""
     with pytest.raises(QuantityError, match=r"^angle: "):
         Launch.at_angle(angle, 1.0)
     with pytest.raises(QuantityError, match=r"^speed: "):
