@@ -82,7 +82,7 @@ def listen(recording: Recording, setup: MeasurementSetup) -> list[Picks]:
         )
     try:
         return _ranked([_Heard.of(band, train, setup, recording) for band, train in trains])
-    except (ArithmeticError, np.linalg.LinAlgError):
+    except (ArithmeticError, ValueError):
         got = "clicks that no law of bounces describes"
         raise UserError(recording.name, got, "flights that shrink, as of a ball") from None
 
@@ -253,7 +253,7 @@ class _Heard:
         with e0 does not fit the rest.
 
         The scatter s_e about the law without e0 judges, because e0 bends to such clicks. Raises
-        ArithmeticError or LinAlgError where that law cannot be fitted.
+        ArithmeticError or ValueError where that law cannot be fitted.
         """
         rough = self.plain().scatter
         for count in range(1, _KNOCKS + 1):
