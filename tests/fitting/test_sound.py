@@ -14,9 +14,11 @@ from measured_bounces import synthesise, wav
 
 from hcbench.cli import run
 from hcbench.fitting import listening
+from hcbench.fitting.estimate import fit_law
 from hcbench.fitting.listening import listen, quick_score
 from hcbench.fitting.recording import Recording, read_recording
 from hcbench.fitting.setup import MeasurementSetup
+from hcbench.fitting.which_law import LAWS, WITH_E0
 from hcbench.system.errors import UserError
 
 
@@ -102,10 +104,9 @@ def test_a_knock_stays_where_no_law_fits_the_touches_without_it(
     places = np.array([knock, *whole.places[:5]])
     heard = replace(whole, places=places, numbers=np.arange(6)).fitted()
     assert len(heard.without_knocks().places) == 5
-    fit_law = listening.fit_law
 
     def fails_without_the_knock(law: Any, sets: Any, reference: float) -> Any:
-        if law == listening.LAWS[listening.WITH_E0] and len(sets[0].times) < 6:
+        if law == LAWS[WITH_E0] and len(sets[0].times) < 6:
             raise FloatingPointError("no noise is likely")
         return fit_law(law, sets, reference)
 
