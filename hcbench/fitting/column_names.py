@@ -72,6 +72,8 @@ _EXAMPLES = {
 }
 # Meanings of whole files, which no column has.
 _OF_FILES = ("frequency", "unit of length", "unit of time", "units", "dimension of x")
+# Meanings of words that stand anywhere in a text.
+_OF_TEXTS = ("gravity", "tilt", "track", "throw", "moving plate")
 # Roles: the meanings that a name must have, and those that it may have besides.
 _EVENTS = {"touch", "bounce"}
 _UPWARDS = {"vertical", "y", "z"}
@@ -198,7 +200,7 @@ def _lexicon(of_files: bool = False) -> dict[str, str]:
     """
     meanings: dict[str, str] = {}
     for meaning, languages in _table().items():
-        if meaning == "unit" or (meaning in _OF_FILES) != of_files:
+        if meaning in ("unit", *_OF_TEXTS) or (meaning in _OF_FILES) != of_files:
             continue
         for word in itertools.chain(*languages.values()):
             meanings.setdefault(" ".join(_words(word)), meaning)
@@ -228,16 +230,21 @@ def _unit_words() -> dict[str, str]:
     for table in (_table()["unit"], _toml("unit_words.toml")):
         for unit, words in table.items():
             for word in (*words, unit):
-                found.setdefault(_folded(word), unit)
+                found.setdefault(folded(word), unit)
     return found
 
 
-def _folded(text: str) -> str:
+def folded(text: str) -> str:
     """Text in lower case without accents, wide letters and LaTeX's marks."""
     text = unicodedata.normalize("NFKC", text).casefold().strip().translate(_PLAIN_LETTERS)
     bare = unicodedata.normalize("NFD", text)
     letters = "".join(letter for letter in bare if not unicodedata.combining(letter))
     return unicodedata.normalize("NFC", letters)
+
+
+def words_of_texts(meaning: str) -> list[str]:
+    """Words for a fact that a text may tell, `folded`."""
+    return [folded(word) for words in _table()[meaning].values() for word in words]
 
 
 def _words(name: str) -> list[str]:
@@ -249,10 +256,11 @@ def _words(name: str) -> list[str]:
         .replace("^2", " squared ")
     )
     name = re.sub(r"(?<=[a-zа-я])(?=[A-ZА-Я])", " ", name)
+    name = re.sub(r"(?<!\w)[nN][.°º](?!\w)", " # ", name)
     signed = _SIGNED.fullmatch(name.strip())
     if signed is not None:
         name = f"{signed[1]} {_SIGNS[signed[2]]}"
-    name = _folded(name)
+    name = folded(name)
     delta = _DELTA.match(name)
     if delta is not None and delta[1] != "t":
         name = f"sigma {name[delta.end() - 1 :]}"
@@ -346,14 +354,14 @@ def _compound(word: str, least: int, languages: frozenset[str] | None = None) ->
 
 def is_word_of_header(word: str) -> bool:
     """Say whether names of columns or their units have such a word."""
-    folded = _folded(word)
-    return "?" not in meanings_of(word) or folded in _unit_words() or folded in _words_of_phrases()
+    plain = folded(word)
+    return "?" not in meanings_of(word) or plain in _unit_words() or plain in _words_of_phrases()
 
 
 def is_short_latin(word: str) -> bool:
     """Say whether a word is of three Latin letters or less, accents apart."""
-    folded = _folded(word)
-    return folded.isascii() and len(folded) <= _LEAST_PART
+    plain = folded(word)
+    return plain.isascii() and len(plain) <= _LEAST_PART
 
 
 @cache
@@ -384,8 +392,10 @@ def _role_of_meanings(found: set[str], unit: str) -> str:
     for role, needed, allowed in _ROLES:
         if needed <= found <= needed | allowed:
             return role
-    if len(found) == 1 and unit:
-        (meaning,) = found
+    # "touch no. 3 [ms]" has the time of the touch.
+    bare = found - {"number"}
+    if len(bare) == 1 and unit:
+        (meaning,) = bare
         for quantity in QUANTITIES_OF_COLUMNS:
             if is_unit_of(unit, quantity):
                 return _BY_QUANTITY.get((meaning, quantity), "")
@@ -395,6 +405,9 @@ def _role_of_meanings(found: set[str], unit: str) -> str:
 def is_beside(name: str) -> bool:
     """Say whether programs and people write such a column besides the data."""
     found = {meaning for meaning in meanings_of(name) if not meaning.isdigit()}
+    if "number" in found:
+        # "flight no."
+        found.discard("interval")
     return bool(found) and (found <= _BESIDE or "beside" in found)
 
 
@@ -518,10 +531,10 @@ def _with_unit(name: str, unit: str) -> tuple[str, str]:
 def plain_unit(text: str) -> str:
     """A unit in the word that Pint knows: "s" of "Sekunden", "m/s" of "м/с"; else as it is."""
     text = text.strip().strip("[](){}").strip()
-    found = _unit_words().get(_folded(text))
-    if found is not None:
-        return found
-    return text
+    known = _unit_words()
+    # "cm." at the end of a sentence, or as an abbreviation.
+    bare = text.rstrip(".")
+    return known.get(folded(text)) or (len(bare) > 1 and known.get(folded(bare))) or text
 
 
 @cache

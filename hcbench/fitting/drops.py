@@ -41,7 +41,7 @@ def drops_of(table: Table) -> list[Table]:
     """The drops of a table, a table each; the table alone where it has one."""
     drops: list[Table] = []
     for part in _one_below_the_other(table):
-        drops += _of_numbered(part) or _made_again(part) or _side_by_side(part)
+        drops += _made_again(part) or _of_numbered(part) or _side_by_side(part)
     return drops
 
 
@@ -172,8 +172,11 @@ def _made_again(table: Table) -> list[Table]:
     """The table with a row for each of several rebounds from one height that are numbered as trials;
     empty where they may be successive bounces, each below the one before.
     """
-    after = [i for i, name in enumerate(table.header) if role_of(*name) in _AFTER]
-    before = [i for i, name in enumerate(table.header) if role_of(*name) in _OF_PAIRS - _AFTER]
+    roles = [role_of(*name) for name in table.header]
+    # Beside the height of the drop.
+    later = _AFTER | ({"height"} if "height_in" in roles else set())
+    after = [i for i, role in enumerate(roles) if role in later]
+    before = [i for i, role in enumerate(roles) if role in _OF_PAIRS - _AFTER]
     if len(after) < 2 or len(before) != 1 or len({table.header[i][1] for i in after}) > 1:
         return []
     numbers = np.array([table.numbers(i) for i in after])

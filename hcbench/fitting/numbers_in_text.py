@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import re
+import unicodedata
 from collections import Counter, defaultdict
 from operator import itemgetter
 from typing import TYPE_CHECKING, NamedTuple
@@ -45,13 +46,25 @@ _DAY = re.compile(
 # Numbers of a list have points: a comma is between them.
 _IN_LIST = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?(?![\w.]*\d)")
 _BETWEEN = re.compile(r"[\s,;]+")
+# Signs about numbers that are none of their names: "1er", "2nd", "08:15:02.1Z", "esp32-07".
+_ABOUT_NUMBERS = re.compile(
+    r"(?<=\d)(?:er|[eè]re|[eè]me|e|st|nd|rd|th|º|ª|Z)(?=\s)|(?<=[^\W\d]\d)-\d+\b|(?<=[^\W\d]\d\d)-\d+\b"
+)
+# A comment after a number, and the letters of its type: "1204332UL, /* 0 */".
+_OF_TYPE = re.compile(
+    r"(?<=[,\d{(])[ \t]*/\*[^*\n]*\*/|(?<=\d)(?:[uU]?[lL]{1,2}|[uU]|[fF])(?=\s*[,})\n])"
+)
 # What parts the phrases of a text, and the words of one.
 _SIGNS = re.compile(r"[=:,;{}\[\]\"|<>\n]+|//")
+# With the vowels that stand about a letter in Hindi or Thai: Python counts them as signs.
+_VOWELS = "".join(chr(i) for i in range(0x300, 0x1200) if unicodedata.category(chr(i))[0] == "M")
+_LETTERS = re.compile(rf"[^\W\d](?:[^\W\d]|[{_VOWELS}])*")
+_LABEL = re.compile(r"(\d+\.\d{3,})\t(\d+\.\d{3,})\t(.+)")
 _WORD = re.compile(r"[^\W\d][\w./^-]*")
 # Words between the name of a list and its numbers.
 _OF_PROGRAMS = re.compile(
     r"(?:(?:np|numpy|array|c|list|tuple|series|out|in|double|float|real|vec|vector|var|let|const"
-    r"|static|u?int\d*(?:_t)?|text|plain|time\.duration)\b[.]?)+",
+    r"|static|constexpr|unsigned|long|progmem|u?int\d*(?:_t)?|text|plain|time\.duration)\b[.]?)+",
     re.IGNORECASE,
 )
 # Meanings of words that make another quantity of what they stand before.
@@ -75,6 +88,11 @@ class _Named(NamedTuple):
     words: str
 
 
+def _is_event(name: str) -> bool:
+    """Say whether a name tells of a touch or a bounce."""
+    return bool(meanings_of(name) & {"touch", "bounce"})
+
+
 class _Columns(NamedTuple):
     """Names of columns, their rows, and the lines before them."""
 
@@ -86,7 +104,7 @@ class _Columns(NamedTuple):
         """Number of columns with data, and of those that tell of touches or bounces."""
         headers = list(map(split_header, self.names))
         roles = {role_of(*header) for header in headers}
-        events = [name for name, _ in headers if meanings_of(name) & {"touch", "bounce"}]
+        events = {name.rstrip(" 0123456789") for name, _ in headers if _is_event(name)}
         return len(roles & {*QUANTITY_OF, "frame", "sample"}), len(events)
 
 
@@ -94,11 +112,11 @@ def rows_in_text(text: str) -> tuple[Row, ...]:
     """A header and rows of the numbers in a text, below what the text says before them; empty where
     no name of a column is known.
     """
-    text = re.sub(r"\bnp\.(?:float|int)\d+\(([^()]*)\)", r"\1", text)
+    text = _OF_TYPE.sub("", re.sub(r"\bnp\.(?:float|int)\d+\(([^()]*)\)", r"\1", text))
     lines = _lines(text)
     if len(lines) > _MOST_LINES or any(len(line) > _MOST_CHARACTERS for _, line in lines):
         return ()
-    found = max(_of_records(lines), _of_lists(text), key=_Columns.known)
+    found = max(_of_labels(lines), _of_records(lines), _of_lists(text), key=_Columns.known)
     if not any(found.known()):
         return ()
     return (*found.before, (found.rows[0][0], found.names), *found.rows)
@@ -111,7 +129,7 @@ def _lines(text: str) -> list[tuple[int, str]]:
         # The ends of elements say nothing.
         text = re.sub(r"</[^<>]*>", "", text)
     return [
-        (number, _DAY.sub("", part.strip()))
+        (number, _ABOUT_NUMBERS.sub("", _DAY.sub("", part.strip())))
         for number, line in enumerate(text.splitlines(), 1)
         for part in (re.split(r"(?<=.)(?=<)", line) if is_markup else [line])
         if part.strip()
@@ -145,9 +163,22 @@ def _of_records(lines: Sequence[tuple[int, str]]) -> _Columns:
     return best
 
 
+def _of_labels(lines: Sequence[tuple[int, str]]) -> _Columns:
+    """The begins of labels of Audacity whose words are those of touches, among others."""
+    labels = [(number, match) for number, line in lines if (match := _LABEL.fullmatch(line))]
+    words = [" ".join(_letters(match[3])) for _, match in labels]
+    events = {word for word in words if _is_event(word) and words.count(word) >= _LEAST}
+    if len(labels) < len(lines) or len(events) != 1:
+        return _Columns()
+    rows = tuple(
+        (n, (match[1],)) for (n, match), word in zip(labels, words, strict=True) if word in events
+    )
+    return _Columns(("touch time [s]",), rows)
+
+
 def _letters(text: str) -> list[str]:
     """Words of a text in lower case, without digits."""
-    return re.findall(r"[^\W\d]+", text.lower())
+    return _LETTERS.findall(text.lower())
 
 
 def _records(
@@ -182,6 +213,11 @@ def _records(
                 record.setdefault(called, number)
         _join_stamp(record)
         records.append(record)
+    # Among other titles or labels, those of touches, numbered one after the other.
+    for name in filter(_is_event, all_words):
+        kept = [i for i, record in enumerate(records) if name in record]
+        if len(kept) >= _LEAST and counts([records[i][name] for i in kept]):
+            records, starts = [records[i] for i in kept], [starts[i] for i in kept]
     names = tuple(name for name in records[0] if all(name in record for record in records))
     before = [(number, (_plain(line),)) for number, line in lines[: starts[0]]]
     rows = [
@@ -261,7 +297,7 @@ def _repeated(texts: Sequence[str]) -> str:
     as in "steel: bounce height", which tells of several balls.
     """
     others = [set(_letters(text)) for text in texts[1:]]
-    parts = re.split(r"(\W+)", texts[0])
+    parts = re.split(rf"([^\w{_VOWELS}]+)", texts[0])
     kept = [all(word in other for word in _letters(part) for other in others) for part in parts]
     changing = "".join(parts[: len(parts) - kept[::-1].index(False)] if not all(kept) else [])
     if changing and re.search(r"[:,;].*[^\W\d]", texts[0][len(changing) :]):

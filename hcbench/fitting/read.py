@@ -27,6 +27,7 @@ from hcbench.fitting.columns import (
     row_order,
 )
 from hcbench.fitting.datasets import TouchTimes
+from hcbench.fitting.facts import require_usual_fall
 from hcbench.fitting.force import fit_loop, fit_pulse
 from hcbench.fitting.heights import Heights, SpeedPairs
 from hcbench.fitting.listening import listen, quick_score
@@ -138,6 +139,7 @@ def read_datasets(
             raise _worst([*refused, *refused_too])
         refused = refused_too
     _require_all_read(found, refused)
+    require_usual_fall(sheets, found, setup)
     return _different([data for _, data in found])
 
 

@@ -9,6 +9,8 @@ import unicodedata
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from email import message_from_bytes
+from email.policy import default
 from html.parser import HTMLParser
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
@@ -47,6 +49,13 @@ _ENCODINGS = (
 # Arabic signs of decimals, of thousands and between cells; marks of the direction of writing.
 _SIGNS_OF_NUMBERS = {0x66B: ".", 0x66C: "'", 0x61B: ";", 0x60C: ","} | dict.fromkeys(
     [0x61C, 0x200E, 0x200F, *range(0x202A, 0x202F), *range(0x2066, 0x206A)]
+)
+# Letters and signs as wide as those of Chinese.
+_SIGNS_OF_NUMBERS |= {0xFF00 + i: chr(0x20 + i) for i in range(1, 0x5F)} | {0x3000: " "}
+# Rows of SQL's INSERT in one line, and a column where the table is created.
+_VALUES = re.compile(r"^\s*insert\s+into\b[^(;]*values\s*(.*);\s*$", re.IGNORECASE | re.MULTILINE)
+_OF_SQL = re.compile(
+    r"^\s*[`\"]?(\w+)[`\"]?\s+(?:\w*int|decimal|numeric|double|float|real)\b", re.I | re.M
 )
 # Lines from the first on that have the names of columns.
 _HEADER_LINES = 60
@@ -103,7 +112,7 @@ def _sheets(name: str, content: bytes, is_on_disk: bool) -> list[Sheet]:
     if content.startswith(_ARCHIVE):
         return _of_archive(name, content)
     try:
-        text = with_plain_digits(decoded(content))
+        text = with_plain_digits(_of_mail(content) or decoded(content))
     except UnicodeDecodeError:
         expected = "text in columns, a workbook, or .wav"
         # A recording is read in parts, which no pipe gives.
@@ -113,6 +122,14 @@ def _sheets(name: str, content: bytes, is_on_disk: bool) -> list[Sheet]:
         line = text.count("\n", 0, text.index("\0")) + 1
         raise UserError(f"{name}, line {line}", "a null character", "text: letters and numbers")
     return [_of_text(name, text)]
+
+
+def _of_mail(content: bytes) -> str:
+    """The text of a mail whose letters are coded as "=C3=A9"; "" for other content."""
+    if not re.search(rb"(?im)^content-transfer-encoding:\s*(?:quoted-printable|base64)", content):
+        return ""
+    body = message_from_bytes(content, policy=default).get_body(("plain",))
+    return body.get_content() if body is not None else ""
 
 
 def decoded(raw: bytes) -> str:
@@ -176,6 +193,12 @@ def _of_text(name: str, text: str) -> Sheet:
         page = _HtmlTable()
         page.feed(text)
         return Sheet(name, tuple(enumerate(map(tuple, page.rows), 1)))
+    rows = "),".join(_VALUES.findall(text))
+    if rows.count("),") > 1 and _OF_SQL.search(text):
+        listed = [one.strip("( )'") for one in re.split(r"\)\s*,", rows)]
+        return Sheet(
+            name, rows_of(name, [*enumerate([",".join(_OF_SQL.findall(text)), *listed], 1)])
+        )
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
     return Sheet(name, rows_of(name, lines), text)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -23,7 +24,7 @@ from hcbench.fitting.column_names import (
 )
 from hcbench.fitting.drops import LEAST_ROWS, drops_of
 from hcbench.fitting.separators import listed_names, names_in_brackets, trimmed
-from hcbench.fitting.table import Table
+from hcbench.fitting.table import Table, cell_of
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
@@ -40,6 +41,10 @@ _SUMS = {
     *("sum", "total", "min", "max", "minimum", "maximum", "count", "range", "summe", "somme"),
     *("suma", "var", "variance"),
 }
+# Rows above a sum, at least; share by which rounding changes one.
+_PLAIN = re.compile(r"\d+(?:\.\d+)?")
+_LEAST_SUMMED = 3
+_OF_A_SUM = 2e-3
 # Quantities whose units a line before the table may name.
 _UNITS_OF = {"unit of length": "position", "unit of time": "time"}
 # "240 fps", "120 frames per second", "120 images/s", "30 кадров/с".
@@ -201,6 +206,10 @@ def _block(name: str, rows: list[Row]) -> tuple[int, int]:
         i for i in range(above + 1, start + 1) if is_data[i] and len(trimmed(rows[i][1])) == width
     )
     end = next((i for i in range(start, len(rows)) if _sums_up(rows[i][1])), len(rows))
+    if end - begin > _LEAST_SUMMED and _is_total(
+        rows[end - 1][1], [row[1] for row in rows[begin : end - 1]]
+    ):
+        end -= 1
     return begin, end
 
 
@@ -210,6 +219,16 @@ def _sums_up(cells: Sequence[str]) -> bool:
         (meanings_of(cells[0]) <= {"mean", "uncertainty", "filler"} and bool(meanings_of(cells[0])))
         or cells[0].strip(": ").lower() in _SUMS
     )
+
+
+def _is_total(cells: Sequence[str], above: Sequence[Sequence[str]]) -> bool:
+    """Say whether a row has a word, and after it the sum of a column of numbers above."""
+    given = [i for i, cell in enumerate(cells) if looks_numeric(cell)]
+    if looks_numeric(cells[0]) or not given or not all(looks_numeric(row[0]) for row in above):
+        return False
+    texts = [cell_of(row, given[-1]).replace(",", ".") for row in (*above, cells)]
+    numbers = [float(text) for text in texts if _PLAIN.fullmatch(text)]
+    return len(numbers) > 1 and math.isclose(sum(numbers[:-1]), numbers[-1], rel_tol=_OF_A_SUM)
 
 
 def _header(
@@ -298,9 +317,11 @@ def _padded(cells: tuple[str, ...], body: list[Row], width: int) -> tuple[str, .
 
 
 def _are_units(cells: Sequence[str]) -> bool:
-    """Say whether a row has units alone."""
+    """Say whether a row has units alone; "No." may be over the numbers of rows."""
     given = [cell.strip("()[] ") for cell in cells if cell.strip("()[] ").lower() not in NO_UNIT]
-    return bool(given) and all(map(is_unit, given))
+    if given and meanings_of(given[0]) == {"number"}:
+        given = given[1:]
+    return bool(given) and all(is_unit(plain_unit(one)) for one in given)
 
 
 def _said_before(rows: list[tuple[str, ...]]) -> tuple[float | None, dict[str, str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import quopri
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -58,8 +59,26 @@ OF_TIMES = {
     + "".join(f"{i} {round(240 * x)}\n" for i, x in enumerate(T)),
     "ordinals": "odskok;čas [s]\n"
     + "".join(f"{i}.;{x:.4f}".replace(".", ",").replace(",;", ".;") + "\n" for i, x in enumerate(T, 1)),
+    "labels among others": "0.100000\t0.400000\tvoices\n" + lines("{x:.6f}\t{x:.6f}\tclick {i}")
+    + "9.000000\t9.500000\tchair\n",
+    "constants with remarks": "const unsigned long impact_us[] PROGMEM = {\n"
+    + lines("  {us:.0f}UL,  /* nr. {i} */") + "};\n",
+    "stamps of ISO": "2025-01-05T08:59:57.100000Z node7-12 WARN boot: ok\n"
+    + "2025-01-05T09:00:00.100000Z node7-12 DEBUG alive temp=21.4\n" * 2
+    + lines("2025-01-05T09:00:0{x:.6f}Z node7-12 INFO  mic: IMPACT k={i}")
+    + "2025-01-05T09:00:09.100000Z node7-12 DEBUG alive temp=21.4\n",
+    "titles among others": "1\n00:00:00,100 --> 00:00:00,500\nA ball of glass\n\n"
+    + lines("{i}\n00:00:0{x:.3f} --> 00:00:0{x:.3f}\n*knock* impact {i}\n")
+    + "12\n00:00:09,000 --> 00:00:09,900\nThank you\n",
+    "wide signs": "".join(
+        f"　{i}回目の接触　　{1e3 * x:.1f}　ミリ秒\n".translate({k: 0xFEE0 + k for k in range(46, 58)})
+        for i, x in enumerate(T, 1)
+    ),
 }  # fmt: skip
 OF_FLIGHTS = {
+    "numbered flights and their total": "volo n.;durata [ms]\n"
+    + lines("{i};{ms:.1f}", np.diff(T))
+    + f"in tutto;{1e3 * np.ptp(T):.1f}\n",
     "Go": "// time in the air after each bounce\nvar flights = []time.Duration{\n"
     + lines("\t{us:.0f} * time.Microsecond,", np.diff(T))
     + "}\n",
@@ -86,11 +105,29 @@ OF_HEIGHTS = {
     "Rust": f"let heights_cm: Vec<f64> = vec![{', '.join(f'{h:.1f}' for h in H)}];\n",
     "at rest in the end": "bounce,height (cm)\n" + lines("{i},{x:.1f}", [*H, 0.0]),
     "rows of a matrix": "# name: rebound_heights_cm\n# type: matrix\n# columns: 1\n" + lines(" {x:.1f}", H),
+    "vowels about letters": "".join(
+        f"{nth} टप्पा — {h:.1f} सेमी\n".translate({48 + k: 0x966 + k for k in range(10)})
+        for nth, h in zip(("पहला", "दूसरा", "तीसरा", "चौथा", "पाँचवाँ", "छठा"), H, strict=True)
+    ),
+    "a coded mail": "From: a@example.org\nMIME-Version: 1.0\nContent-Type: text/plain; charset=utf-8\n"
+    "Content-Transfer-Encoding: quoted-printable\n\n"
+    + quopri.encodestring(
+        "Voilà les hauteurs, après chaque rebond, de la bille lâchée à côté de la fenêtre :\n".encode()
+        + b"\n1er rebond : 48.0 cm\n"
+        + "".join(f"{i}e rebond : {h:.1f} cm\n" for i, h in enumerate(H[1:], 2)).encode()
+        + "\nà bientôt\n".encode()
+    ).decode(),
+    "SQL in a line": "CREATE TABLE `r` (\n  `nr` int NOT NULL,\n  `hoehe_cm` decimal(5,1)\n);\n"
+    + "INSERT INTO `r` VALUES "
+    + ",".join(f"({i},{h:.1f})" for i, h in enumerate(H, 1)) + ";\n",
+    "a unit that ends with a point": "bounce;height (cm.)\n" + lines("{i};{x:.1f}", H),
     "SQL": "CREATE TABLE d (nomer INT, vysota_cm NUMERIC(6,1));\nINSERT INTO d (nomer, vysota_cm) VALUES\n"
     + lines("  ({i}, {x:.1f}),", H).rstrip(",\n")
     + ";\n",
 }  # fmt: skip
 OF_SPEEDS = {
+    "units below a number": "SHOT   IMPACT VEL   REBOUND VEL\nNO.      (FT/S)        (FT/S)\n"
+    + lines("  {i}    {x:.4f}     {after:.4f}", V / 0.3048),
     "game log": "Physics.gravity = (0.00, -9.81, 0.00)\n"
     + lines(
         "[ {i}.674] Probe: Enter with Floor, impact speed {x:.4f} m/s\n"
@@ -166,3 +203,16 @@ def test_drops_beside_each_other_have_a_wider_header(tmp_path: Path) -> None:
     assert isinstance(first, Heights) and isinstance(second, Heights)
     np.testing.assert_allclose(first.heights, 0.0254 * H, atol=1e-4)
     np.testing.assert_allclose(second.heights, 0.0254 * 0.8 * H, atol=1e-4)
+
+
+def test_rebounds_of_one_drop_are_no_successive_ones(tmp_path: Path) -> None:
+    path = tmp_path / "drops.md"
+    rows = "".join(f"| {h:.2f} | {0.64 * h:.2f} | {0.65 * h:.2f} | {0.63 * h:.2f} |\n" for h in H)
+    path.write_text(
+        f"| drop height (cm) | bounce height 1 (cm) | bounce height 2 (cm) | bounce height 3 (cm) |\n"
+        f"|---|---|---|---|\n{rows}"
+    )
+    found = read_dataset(path, EXACT)
+    assert isinstance(found, SpeedPairs)
+    assert len(found.speed) == 3 * len(H)
+    np.testing.assert_allclose(found.restitution, 0.8, atol=0.01)

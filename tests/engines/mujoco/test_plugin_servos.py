@@ -183,3 +183,35 @@ def test_sleep_under_rk4_is_refused_with_solvers_that_let_bodies_sink(solver: st
     model = leg({"option": f'solver="{solver}"', "flag": 'sleep="enable"'}, "RK4")
     with pytest.raises(mujoco.FatalError, match="under RK4 the flag sleep wakes"):
         mujoco.mj_step(model, start_of(model))
+
+
+SPRUNG_WHEEL = """
+<mujoco>
+  <option timestep="0.002"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="9 9 .1"/>
+    <body pos="0 0 .4">
+      <joint type="slide" axis="0 0 1" stiffness="900"/>
+      <geom size=".03" mass=".3" contype="0" conaffinity="0"/>
+      <body><joint name="axle" axis="0 1 0"/><geom name="wheel" size=".07" mass=".4"/></body>
+    </body>
+  </worldbody>
+  <actuator><velocity joint="axle" kv=".1"/></actuator>
+  <extension><plugin plugin="hcbench.restitution"><instance name="wheel">
+    <config key="geom1" value="wheel"/><config key="geom2" value="floor"/>
+    <config key="restitution" value=".4"/>
+  </instance></plugin></extension>
+</mujoco>"""
+
+
+def test_a_damped_axle_beside_a_spring_is_not_named() -> None:
+    """A trace of the spring in the axle's motion made the longest step 0, by cancellation."""
+    contact.load()
+    warned: list[str] = []
+    mujoco.set_mju_user_warning(warned.append)
+    try:
+        model = mujoco.MjModel.from_xml_string(SPRUNG_WHEEL)
+        mujoco.mj_step(model, mujoco.MjData(model), nstep=300)
+    finally:
+        mujoco.set_mju_user_warning(None)
+    assert not warned

@@ -118,7 +118,7 @@ static double longest_step(const mjModel* m, const mode_matrices* t, const doubl
   double damping = (square_of(t->explicit_damping, y, t->n) - square_of(t->implicit_damping, y, t->n)) / mass;
   if (m->opt.integrator != mjINT_RK4) { /* h^2 k + 2 h (de - di) = 4 m */
     if (stiffness <= 0) return damping > 0 ? 2 / damping : INFINITY;
-    return (sqrt(damping * damping + 4 * stiffness) - damping) / stiffness;
+    return 4 / (sqrt(damping * damping + 4 * stiffness) + damping); /* a difference would be 0 for a little stiffness */
   }
   double low = 0, high = m->opt.timestep;
   if (growth_under_rk4(high, damping, stiffness) <= 1 + 1e-9) return INFINITY;

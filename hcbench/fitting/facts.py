@@ -1,0 +1,118 @@
+"""Facts of a fall that a file tells beside its numbers: another gravity, a tilt, a throw, a moving plate."""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import cache
+from typing import TYPE_CHECKING
+
+from hcbench.fitting.column_names import folded, is_unit, words_of_texts
+from hcbench.fitting.setup import MeasurementSetup
+from hcbench.fitting.table import cell_of
+from hcbench.system.errors import UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from hcbench.fitting.columns import DataColumns
+    from hcbench.fitting.datasets import Dataset
+    from hcbench.fitting.sheets import Sheet
+
+_NUMBER = r"[-+−]?(?:\d+(?:[.,]\d+)?|\.\d+)(?:e[-+]?\d+)?(?![.,]?\d)"
+_NEXT = rf"\s*[\s,;]\s*(?:\"?[xyz]\"?\s*[:=]\s*|-\s+)?{_NUMBER}"
+# "m/s^2", "m/s²", "m s-2", "m_s2", "mps2", "N/kg", in lower case.
+_LENGTHS = {"m": 1.0, "м": 1.0, "n": 1.0, "cm": 1e-2, "см": 1e-2, "mm": 1e-3, "ft": 0.3048}
+_UNIT = rf"({'|'.join(_LENGTHS)})[\s/_·*.p]*(?:(?:sec|s|с)[\s^*_]*[-−]?2|kg)"
+# A gravity after signs, with an opening bracket where it is a vector; or after words, with a unit.
+_SIGNS = rf"[ \t\"'`*]*(?:[ \t\[(_,]*{_UNIT}[\])]*)?[ \t=:≈,;|>\"'`*~-]*?(?:(?<=:)\s*)?"
+_VECTOR = rf"([\[({{\"]?[ \t]*(?:\"?x\"?\s*[:=]\s*|-\s+)?)(?<!\w)({_NUMBER}(?:{_NEXT}){{0,2}})"
+_GRAVITY = rf"(?:{_SIGNS}{_VECTOR}(?:\s*{_UNIT})?|[^\d\n]{{0,40}}?(?<!\w)({_NUMBER})\s*{_UNIT})"
+# "g = 1.62", or first in its line; of "mass, g: 45" it is the unit.
+_LETTER = r"(?<![\w/])(?<!\d )g(?=\s*[=≈])|(?:^|(?<=[{\"']))[\s#*-]*g(?=[\"'\s]*[=:\[(])"
+# Without a unit, that of the Earth in m/s², cm/s², ft/s², and in g.
+_OF_EARTH = (1.0, 1e-2, 0.3048, 9.80665)
+# Share by which gravity may differ without a word: latitudes differ by 0.7 %.
+_NEAR = 0.01
+_ALONG = "Give the part of gravity along the track, g sin(angle), such as --gravity '0.26 m/s^2'"
+_PAIRS = "Give pairs of speeds before and after the impact, relative to the plate"
+# Other facts: the units of their numbers, what was expected, and advice.
+_FACTS = {
+    "tilt": (r"°|º|deg\w*|gra[du]\w*|度", "a vertical fall", _ALONG),
+    "track": ("", "a vertical fall", _ALONG),
+    "throw": (r"k?m/[sh]|mph|ft/s|[cm]m/s|м/с", "a fall from rest", _PAIRS),
+    "moving plate": (r"k?m/[sh]|ft/s|[cm]m/s|hz|м/с|гц", "a plate at rest", _PAIRS),
+}
+
+
+def require_usual_fall(
+    sheets: Sequence[Sheet], found: Sequence[tuple[DataColumns, Dataset]], setup: MeasurementSetup
+) -> None:
+    """Raise UserError where a file names a gravity, a tilt, a throw or a motion of the plate that would
+    change the answer. A user who gives --gravity has looked.
+    """
+    is_dropped = any("height_in" in columns.places for columns, _ in found)
+    is_open = setup.gravity == MeasurementSetup().gravity
+    falls = is_open and (is_dropped or any(data.needs_gravity for _, data in found))
+    counts = dict.fromkeys(("gravity", "tilt", "track"), falls)
+    counts |= {"throw": is_dropped or setup.height is not None, "moving plate": True}
+    lines = [one.text or "\n".join("\t".join(cells) for _, cells in one.rows) for one in sheets]
+    for table in (columns.table for columns, _ in found):
+        first = table.cells[0]
+        lines += [f"{name} [{u}]: {cell_of(first, i)}" for i, (name, u) in enumerate(table.header)]
+    for fact, said in _said("\n".join(lines), setup.gravity.value):
+        if counts[fact]:
+            used = f"{setup.gravity.value:.2f} m/s^2, which is used without --gravity"
+            advice = f"Give the gravity that counts, such as --gravity '{said}'"
+            _, expected, advice = _FACTS.get(fact, ("", used, advice))
+            raise UserError(fact, f"{said!r} in {found[0][0].table.name}", expected, advice)
+
+
+def _said(text: str, gravity: float) -> Iterator[tuple[str, str]]:
+    """Facts in a text, with its words; a gravity (m/s²) that differs from this one, as text."""
+    lines = text.splitlines()
+    text = "\n".join(line.casefold() if line.isascii() else folded(line) for line in lines)
+    for match in _pattern("gravity").finditer(text):
+        if said := _other_gravity(match, gravity):
+            yield "gravity", said
+    for fact in _FACTS:
+        if any(word in text for word in words_of_texts(fact)):
+            yield from ((fact, match[0].strip()) for match in _pattern(fact).finditer(text))
+
+
+@cache
+def _pattern(fact: str) -> re.Pattern[str]:
+    """The form of a fact: one of its words, and a number that is not 0 with a unit."""
+    words = "|".join(sorted(map(re.escape, words_of_texts(fact)), key=len, reverse=True))
+    words = rf"(?<!specific )(?<!of )(?<![^\W\d_])(?:{words})"
+    if fact == "gravity":
+        return re.compile(rf"(?:{words}\w*?|{_LETTER}){_GRAVITY}", re.MULTILINE)
+    unit = _FACTS[fact][0]
+    number = rf"(?=[-+−.,0]*[1-9]){_NUMBER}"
+    before = rf"[\[(_]\s*(?:{unit})\s*[\])]?[\s=:,;|\"]*{number}"
+    after = rf"{number}\s*(?:{unit})(?!\w)"
+    both = rf"{words}[^\d\n]*?(?:{before}|{after})|(?<![\w.,]){after}[^\d\n]*{words}"
+    return re.compile(both if unit else words)
+
+
+def _other_gravity(match: re.Match[str], gravity: float) -> str:
+    """A gravity with its unit where it is another one than `gravity` (m/s²); "" where it is that."""
+    before, opening, first, after, alone, last = match.groups()
+    numbers = [
+        one.replace("−", "-").replace(",", ".") for one in re.findall(_NUMBER, first or alone)
+    ]
+    values = list(map(float, numbers))
+    is_vector = len(values) > 1 and (bool(opening.strip()) or 0.0 in values)
+    value = math.hypot(*values) if is_vector else abs(values[0])
+    length = before or after or last
+    word = re.match(r"[ \t]?([^\W\d_]+)", match.string[match.end() :])
+    if not length and word and word[1] != "g" and is_unit(word[1]):
+        # "center of gravity 12 mm"
+        return ""
+    scales = (
+        (_LENGTHS[length],) if length else _OF_EARTH[-1:] if word and word[1] == "g" else _OF_EARTH
+    )
+    rounding = 0.5 * 10.0 ** -len(numbers[-1 if is_vector else 0].partition(".")[2])
+    if any(abs(value * s - gravity) <= max(_NEAR * gravity, rounding * s) for s in scales):
+        return ""
+    return f"{value * scales[0]:.5g} m/s^2"

@@ -1,0 +1,98 @@
+"""Facts of a file that would change its answer: another gravity, a tilt, a throw, a moving plate."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from hcbench.fitting.read import read_datasets
+from hcbench.fitting.setup import Known, MeasurementSetup
+from hcbench.system.errors import UserError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+H = 92.0 * 0.61 ** np.arange(6)
+HEIGHTS = "bounce,height (cm)\n" + "".join(f"{i},{h:.1f}\n" for i, h in enumerate(H, 1))
+DROPS = "drop height (cm),rebound height (cm)\n" + "".join(f"{h:.1f},{0.6 * h:.2f}\n" for h in H)
+SPEEDS = "v_in (m/s),v_out (m/s)\n" + "".join(f"{h:.2f},{0.8 * h:.2f}\n" for h in H)
+OTHER_GRAVITIES = {
+    "a number": "# gravity: 3.71",
+    "a vector": "# gravity = (0.0, -3.71, 0.0)",
+    "a list below": "# world:\n# gravity:\n  - 0\n  - 0\n  - -3.71",
+    "a letter": "# Mars, g = 3,71 m/s²",
+    "another unit": "# gravitational acceleration 371 cm/s^2",
+    "the Earth's": "# local gravity: 0.3783 g",
+    "German": "# Schwerkraft: 3,71 m/s²",
+    "French": "# gravité (m/s²) : 3,71",
+    "Russian": "# ускорение свободного падения 3,71 м/с²",
+    "Japanese": "# 重力加速度：３．７１",
+}
+SAME_GRAVITIES = {
+    "a latitude": "# gravity: 9.78",
+    "a round number": "# take g = 10 m/s^2",
+    "a vector": "# gravity = [0, 0, -9.81]",
+    "feet": "# gravity 32.2 ft/s^2",
+    "no unit": "# gravity;981",
+    "grams": "# mass 45 g: the larger one, m in g: 45",
+    "a centre": "# center of gravity: 20 mm",
+}
+
+
+def read(path: Path, text: str, setup: MeasurementSetup | None = None) -> int:
+    path.write_text(text, encoding="utf-8")
+    return len(read_datasets(path, setup or MeasurementSetup()))
+
+
+@pytest.mark.parametrize("line", OTHER_GRAVITIES.values(), ids=OTHER_GRAVITIES)
+def test_another_gravity_is_asked_for(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "data.txt"
+    with pytest.raises(UserError, match=r"gravity.*3\.7\d* m/s\^2.*--gravity") as error:
+        read(path, f"{line}\n{HEIGHTS}")
+    assert error.value.slot == "gravity"
+    assert read(path, f"{line}\n{HEIGHTS}", MeasurementSetup(gravity=Known(3.71))) == 1
+    # Speeds need no gravity.
+    assert read(path, f"{line}\n{SPEEDS}") == 1
+
+
+@pytest.mark.parametrize("line", SAME_GRAVITIES.values(), ids=SAME_GRAVITIES)
+def test_gravity_of_the_earth_is_no_news(tmp_path: Path, line: str) -> None:
+    assert read(tmp_path / "data.txt", f"{line}\n{HEIGHTS}") == 1
+
+
+def test_gravity_in_a_column_is_seen(tmp_path: Path) -> None:
+    rows = "".join(f"{h:.1f},{0.6 * h:.2f},1.62\n" for h in H)
+    with pytest.raises(UserError, match=r"1\.62 m/s\^2"):
+        read(tmp_path / "data.csv", f"drop height (cm),rebound height (cm),gravity (m/s^2)\n{rows}")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "the track is tilted by 2.5 degrees",
+        "Bahn um 3° geneigt",
+        "tilt_deg: 1.5",
+        "a glider on an air track",
+        "shaker on, 20 Hz",
+        "the plate moves up at 0.3 m/s",
+    ],
+)
+def test_a_tilt_or_a_moving_plate_refuses_heights(tmp_path: Path, line: str) -> None:
+    with pytest.raises(UserError, match=r"vertical fall|plate at rest"):
+        read(tmp_path / "data.txt", f"# {line}\n{HEIGHTS}")
+
+
+@pytest.mark.parametrize("line", ["tilt 0.0 deg", "initial speed 0 m/s", "shaker off", "2 ramps"])
+def test_nothing_of_it_refuses_nothing(tmp_path: Path, line: str) -> None:
+    assert read(tmp_path / "data.txt", f"# {line}\n{DROPS}") == 1
+
+
+def test_a_throw_refuses_where_the_drop_counts(tmp_path: Path) -> None:
+    line = "# thrown down with 2 m/s\n"
+    with pytest.raises(UserError, match="from rest"):
+        read(tmp_path / "data.txt", line + DROPS)
+    with pytest.raises(UserError, match="from rest"):
+        read(tmp_path / "data.txt", line + HEIGHTS, MeasurementSetup(height=Known(1.5)))
+    assert read(tmp_path / "data.txt", line + HEIGHTS) == 1
