@@ -47,7 +47,9 @@ _STALE_S = 300.0
 
 
 class Files:
-    """The files of a folder, by names relative to it. OSError for what cannot be done."""
+    """The files of a folder, by names relative to it. OSError for what cannot be done; CannotRun,
+    from `locked` and `write`, where another sweep has the lock.
+    """
 
     def __init__(self, system: Any, root: str, where: str) -> None:
         """The files of a folder, on any file system that fsspec knows; nothing is opened yet.

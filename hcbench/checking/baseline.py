@@ -22,7 +22,7 @@ from pydantic import (
 
 from hcbench.measuring.measurement import Measurement
 from hcbench.sim.model_under_test import Request
-from hcbench.system.errors import UserError
+from hcbench.system.errors import QuantityError, UserError
 from hcbench.system.files import is_file, json_text, parse_json, read_text
 from hcbench.system.outputs import write_output
 from hcbench.terms import units
@@ -88,9 +88,12 @@ class Baseline(BaseModel):
         sent = []
         for launch in launches:
             speed = launch.speed
-            sent.append(
-                Launch.at_angle(launch.angle, speed, launch.phase, first.height, first.spin)
-            )
+            try:
+                one = Launch.at_angle(launch.angle, speed, launch.phase, first.height, first.spin)
+            except QuantityError as error:
+                # A slip too fast for any angle. Pydantic takes a ValueError for damage.
+                raise ValueError(str(error)) from None
+            sent.append(one)
         if len(set(sent)) < len(sent) or sent != launches:
             raise ValueError("each launch once, and all of one request")
         if all(math.isnan(impact.restitution) for impact in self.impacts):

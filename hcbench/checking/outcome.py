@@ -155,7 +155,7 @@ def read_limits(text: str, of_landing: bool) -> tuple[Limit, ...]:
 
     of_landing: whether they are on landings; else on the feet of a recorded motion.
     Raises UserError for a name that has no limit, QuantityError for a value that is not such a
-    quantity.
+    quantity. Only plain numbers may be in per cent: "5 %" is 0.05.
     """
     if of_landing:
         quantities = {name: quantity for name, (_, quantity) in LANDING.items()}
@@ -171,9 +171,11 @@ def read_limits(text: str, of_landing: bool) -> tuple[Limit, ...]:
             raise UserError("require", repr(sanitized(part.strip(), 40)), expected)
         name = match["name"]
         value = match["value"]
-        number = units.parse(value.rstrip("% "), quantities[name], f"require: {name}")
-        if value.endswith("%"):
-            number = number / 100
+        slot = f"require: {name}"
+        if value.endswith("%") and quantities[name] == "number":
+            number = units.parse(value.removesuffix("%").rstrip(), "number", slot) / 100
+        else:
+            number = units.parse(value, quantities[name], slot)
         words = " ".join(part.split())
         limits.append(Limit(name, number, match["way"] == "<", words))
     return tuple(limits)

@@ -27,6 +27,7 @@ from hcbench.system.errors import UserError
 from hcbench.system.text import sanitized
 from hcbench.terms import units
 from hcbench.terms.fields import FileTable, mistake
+from hcbench.terms.impact import Launch
 from hcbench.terms.options import (
     LAUNCHES,
     OPTIONS,
@@ -303,9 +304,12 @@ def _as_written(baseline: "Baseline", request: Request, given: LaunchOptions) ->
     launches.
     """
     written = baseline.request(request)
+    # A launch has its angle in fewer digits than a user's degrees in rad.
+    angles = tuple(Launch.at_angle(angle, 1.0).angle for angle in request.angle)
+    asked = replace(request, angle=angles)
     for name, value in given.items():
         has = getattr(written, name, None)
-        if value is not None and has != getattr(request, name, None):
+        if value is not None and has != getattr(asked, name, None):
             raise UserError(
                 name, f"other launches than the baseline's: {_numbers(has)}", "those, or none"
             )

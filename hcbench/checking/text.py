@@ -21,6 +21,7 @@ from hcbench.sim.packages import named_folders
 from hcbench.system.errors import UserError
 from hcbench.system.text import LONGEST_NOTE, number, sanitized, table, without_empty
 from hcbench.terms.fields import read_toml, validate
+from hcbench.terms.options import OPTIONS
 
 # Schema 1 had a row of other keys, whose error was that of the worst phase.
 SCHEMA = 2
@@ -244,7 +245,7 @@ def table_in(content: dict[str, Any], path: Path) -> dict[str, Any] | None:
 def checks_of(path: Path, baseline: Path | None = None) -> list[Check]:
     """The checks that a file lists, planned; the models are not opened.
 
-    path: of the TOML file. baseline: a file to hold all of them against, instead of what they say.
+    path: of the TOML file. baseline: as of `checks_in`.
     Raises UserError for a file that is not TOML or has no table of checks, for an entry and key
     that cannot be used, by their names, and for two checks of one name.
     """
@@ -257,7 +258,8 @@ def checks_in(
     """Checks that the table of a file lists, planned; the models are not opened.
 
     content: the table, None for a file without one. path: of the file, from whose folder paths
-    lead. baseline: a file to hold all of the checks against, instead of what they say.
+    lead. baseline: a file to hold the checks against, in place of the material, α, e or pairs that
+    they name; those with limits on landings or on a motion keep them, as no baseline has any.
     Raises UserError that names the entry and key that cannot be used, for a file without a table,
     and for two checks of one name.
     """
@@ -287,7 +289,7 @@ def _complete(
     """An entry with what the table says for all of them, and with paths from its folder.
 
     folder: of the file that lists the checks.
-    baseline: a file that takes the place of the entry's own target.
+    baseline: a file that takes the place of the entry's own target, unless that is limits.
     Raises UserError for an entry without a model.
     """
     if not entry.models:
@@ -305,7 +307,8 @@ def _complete(
     if package:
         update["package"] = {name: str(folder / path) for name, path in named_folders(package)}
     update["model"] = tuple(str(folder / model) for model in entry.models)
-    if baseline is not None:
-        update |= dict.fromkeys(("material", "alpha", "restitution", "points"))
+    if baseline is not None and entry.options["require"] is None:
+        for name in ("material", "alpha", "restitution", "points", "target"):
+            update[name] = OPTIONS[name].default
         update["baseline"] = baseline
     return entry.model_copy(update=update)

@@ -82,7 +82,7 @@ def listen(recording: Recording, setup: MeasurementSetup) -> list[Picks]:
         )
     try:
         return _ranked([_Heard.of(band, train, setup, recording) for band, train in trains])
-    except (ArithmeticError, np.linalg.LinAlgError):
+    except (ArithmeticError, ValueError):
         got = "clicks that no law of bounces describes"
         raise UserError(recording.name, got, "flights that shrink, as of a ball") from None
 
@@ -153,7 +153,11 @@ def _is_same(times: Floats, better: Floats) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Heard:
-    """One train, timed, and the law with e0 fitted to it; None where it has too few touches."""
+    """One train, timed, and the law with e0 fitted to it.
+
+    places: sample of each touch's click. numbers: which touch each is, from 0. reference: speed of
+    the fit, m/s. fit: None where there are too few touches, or where no law fits them.
+    """
 
     band: FrequencyBand
     train: Train
@@ -244,10 +248,12 @@ class _Heard:
         return now.without_knocks()
 
     def without_knocks(self) -> _Heard:
-        """The train without first clicks that make the others scatter, two at most; itself where
-        none does.
+        """The train without first clicks that make the others scatter, two at most. It is the train
+        itself where no click does, where fewer than five touches would be left, and where the law
+        with e0 does not fit the rest.
 
-        The law without e0 judges, because e0 bends to such clicks.
+        The scatter s_e about the law without e0 judges, because e0 bends to such clicks. Raises
+        ArithmeticError or ValueError where that law cannot be fitted.
         """
         rough = self.plain().scatter
         for count in range(1, _KNOCKS + 1):
@@ -260,11 +266,14 @@ class _Heard:
             if len(later.data().pairs()[0]) < _LEAST_LEFT - 2:
                 break
             if later.plain().scatter * _FAR_SMOOTHER < rough:
-                return later.fitted()
+                fitted = later.fitted()
+                if fitted.fit is not None:
+                    return fitted
         return self
 
     def plain(self) -> LawFit:
-        return fit_law(LAWS[PLAIN], [self.data()], self.reference)
+        with np.errstate(all="ignore"):
+            return fit_law(LAWS[PLAIN], [self.data()], self.reference)
 
     def suspects(self) -> list[int]:
         """Places in the train of the first two touches, of the flagged ones and of the two worst.

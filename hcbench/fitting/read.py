@@ -166,7 +166,9 @@ def _read(
 
 
 def _tables(sheets: list[Sheet]) -> Iterator[tuple[Table | None, UserError]]:
-    """The tables of sheets; None with the error for a sheet that has none."""
+    """Each table of the sheets, with an error that is not to be used; and None with the reason for
+    each sheet whose tables cannot be read. Sheets without rows are passed over.
+    """
     for sheet in sheets:
         if not sheet.rows:
             continue

@@ -218,9 +218,10 @@ def _impacts(s: Dataset) -> tuple[Floats, Floats, Floats]:
 def _from_flights(
     flights: Floats, steps: Floats, error: float, gravity: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Impacts of flights (n,), s, of which some are several: `steps` (n,) says how many each is.
+    """Speed, m/s, ln e, and its relative error of the impacts between flights, shape (n-1,) each.
 
-    error: of a time, s.
+    flights: s, (n,), each above 0; `steps` (n,) says of how many flights in a row each consists.
+    error: of a time, s. e is at least 1e-6.
     """
     simple = (steps[1:] == 1) & (steps[:-1] == 1)
     usual = 0.7

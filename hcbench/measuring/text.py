@@ -181,8 +181,8 @@ def _curve_lines(measurement: Measurement) -> list[str]:
 
 
 def motion_notes(measurement: Measurement) -> list[str]:
-    """Sentences on what other than the contact changed the speed,
-    before it, during it and after it.
+    """Sentences on how joints, servos, gravity and other contacts changed the speed before, during
+    and after the contact; none where they did little.
     """
     return [*_approach_note(measurement), *_shares_note(measurement), *_parting_note(measurement)]
 
@@ -227,8 +227,8 @@ def _parting_note(measurement: Measurement) -> list[str]:
 
 
 def _shares_note(measurement: Measurement) -> list[str]:
-    """One sentence on what else than the contact changed the speed during it; none where little
-    did.
+    """One sentence with what each notable cause took off the approach, contact and gravity included,
+    where the other causes did NOTABLE_SHARE or more together; else none.
     """
     facts = measurement.facts
     if not facts.more_than_contact >= NOTABLE_SHARE:
@@ -238,7 +238,7 @@ def _shares_note(measurement: Measurement) -> list[str]:
         if abs(share) >= NOTABLE_SHARE:
             # Two digits, without an exponent: a body that stays is pushed for hundreds of steps.
             notable.append(f"{float(f'{share:.2g}'):+g} by {name}")
-    return [f"While the two touch, the approach changes, in impact speeds: {', '.join(notable)}."]
+    return [f"While the two touch, the approach loses, in impact speeds: {', '.join(notable)}."]
 
 
 def _along_lines(measurement: Measurement) -> list[str]:

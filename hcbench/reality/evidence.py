@@ -198,7 +198,8 @@ def of_friction(cell: Cell) -> SettingErrors:
 def best(outcomes: list[SettingErrors]) -> SettingErrors:
     """For each toss, the errors of the outcome with the least score.
 
-    outcomes: errors of the same tosses, with rotations, one for each point of the floor's grid.
+    outcomes: errors of the same tosses, with rotations, one for each e that was tried, or for
+    each friction.
     """
     pick = np.argmin([each.scores for each in outcomes], axis=0)
 

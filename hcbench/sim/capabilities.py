@@ -173,11 +173,13 @@ class OpensModels(Engine):
     def open(
         self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
     ) -> ModelUnderTest:
-        """A user's own model.
+        """A user's own model, opened with its pair at touch; the caller closes it.
 
+        source: a path, several paths, or an object or text of which the engine's `accepts` knows.
         rebuild: makes `source` again, where a function of the user's made it.
 
-        Raises UserError with the reason where the pair cannot be measured.
+        Raises UserError with the reason where the pair cannot be measured, EngineMissing where the
+        engine is not installed.
         """
 
     @abstractmethod

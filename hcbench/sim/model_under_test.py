@@ -286,7 +286,9 @@ class Facts:
 
     @property
     def more_than_contact(self) -> float:
-        """Approach speed lost to joints and actuators, over that at touch; NaN where unknown."""
+        """Sum of the absolute changes of the approach speed by all but the contact and gravity, over
+        that at touch; NaN where unknown.
+        """
         if not self.shares:
             return math.nan
         return sum(

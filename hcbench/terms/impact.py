@@ -67,20 +67,21 @@ class Launch:
     spin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        """Raise QuantityError for what is not a number, for another count of numbers in slip or
-        spin, for a speed or height below 0 or not finite, and a phase outside 0 to 1.
+        """Raise QuantityError for what is not a finite number, for another count of numbers in slip
+        or spin, for a speed or height below 0, and for a phase outside 0 up to below 1.
         """
         numbers: dict[str, object] = {"speed": self.speed, "phase": self.phase}
         if self.height is not None:
             numbers["height"] = self.height
         for slot, number in numbers.items():
-            if not is_real(number):
-                raise QuantityError(slot, shown(number), "a number")
+            _require_real(slot, number)
         vectors: tuple[tuple[str, Any, int], ...] = (("slip", self.slip, 2), ("spin", self.spin, 3))
         for slot, vector, count in vectors:
             is_vector = isinstance(vector, tuple | list) and len(vector) == count
             if not (is_vector and all(map(is_real, vector))):
                 raise QuantityError(slot, shown(vector), f"{count} numbers")
+            if not all(abs(each) < math.inf for each in vector):
+                raise QuantityError(slot, shown(vector), f"{count} finite numbers")
             # A list has no hash, and launches are keys.
             object.__setattr__(self, slot, tuple(vector))
         if not 0.0 <= self.speed < math.inf:
@@ -147,10 +148,19 @@ class Launch:
         spin: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> Launch:
         """One that is sent at an angle from the normal, rad: its slip, along the direction that it
-        is sent in, is tan(angle) times the speed, which is along the normal. Raises QuantityError
-        as `Launch`.
+        is sent in, is tan(angle) times the speed, which is along the normal.
+
+        Raises QuantityError as `Launch`, and for an angle that does not lie between -90 and 90 deg.
         """
-        return cls(speed, phase, height, (speed * math.tan(round(angle, _ANGLE_DIGITS)), 0.0), spin)
+        _require_real("angle", angle)
+        _require_real("speed", speed)
+        rounded = angle
+        if math.isfinite(angle):
+            rounded = round(angle, _ANGLE_DIGITS)
+        # From 90 deg on the tangent has the other sign. NaN fails, too.
+        if not abs(rounded) < math.pi / 2.0:
+            raise QuantityError("angle", f"{angle!r} rad", "between -90 and 90 deg from the normal")
+        return cls(speed, phase, height, (speed * math.tan(rounded), 0.0), spin)
 
     @property
     def at_any_phase(self) -> Launch:
@@ -208,6 +218,11 @@ class Launch:
         # The mean speed of a fall is that of its ends.
         both = self.speed + self.touch_speed(timestep, gravity)
         return 2.0 * clearance / both if both > 0.0 else math.inf
+
+
+def _require_real(slot: str, value: object) -> None:
+    if not is_real(value):
+        raise QuantityError(slot, shown(value), "a number")
 
 
 # Not frozen, for the same speed as Impact below.

@@ -162,7 +162,9 @@ def _alpha(one: Row) -> float:
 def write(jobs: int = 2) -> None:
     """Find all rows again and write the file.
 
-    jobs: worker processes. It takes half an hour with `usual.write`.
+    jobs: worker processes. It takes half an hour with `usual.write`, which goes first.
+    Raises EngineMissing where an engine of `usual`'s file is not installed, EngineFailed as
+    `find_answer`.
     """
     engines = usual.file_content()["versions"]
     conditions = [Condition(*each) for each in product(engines, STEPS, GRAVITIES, BANDS)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,8 @@ from checks import BROKEN, GOOD, SPEEDS, ask
 
 from hcbench.checking import CheckSpec, Outputs, check, plan
 from hcbench.checking.baseline import Baseline, read_baseline
-from hcbench.checking.text import as_text
+from hcbench.checking.text import as_text, checks_of
+from hcbench.sim.model_under_test import Request
 from hcbench.system.errors import UserError
 
 
@@ -79,6 +81,7 @@ def test_a_baseline_that_is_not_one_is_refused(
         {"speed_m_per_s": 0.1, "phase": 0.5},
         {"speed_m_per_s": 1e308},
         {"slip_m_per_s": [0.1, 0.1]},
+        {"slip_m_per_s": [1e300, 0.0]},
     ],
 )
 def test_a_damaged_baseline_is_refused(tmp_path: Path, damage: dict[str, Any]) -> None:
@@ -102,6 +105,49 @@ def test_launches_of_a_baseline_that_would_not_be_made_are_damage(changed: dict[
     impacts = [{**impact, "speed_m_per_s": 0.1}, {**impact, "speed_m_per_s": 0.5, **changed}]
     with pytest.raises(ValueError, match="all of one request"):
         Baseline(engine="mujoco", version="3", timestep_s=2e-3, impacts=impacts)  # type: ignore[arg-type]
+
+
+def baseline_at(folder: Path, *degrees: float) -> Path:
+    """A baseline of launches at 0.1 and 0.5 m/s, at each of the angles."""
+    impacts = []
+    for launch in Request(
+        speeds=(0.1, 0.5), phases=(0.5,), angle=tuple(map(math.radians, degrees))
+    ).launches():
+        impact = {"speed_m_per_s": launch.speed, "slip_m_per_s": launch.slip, "phase": 0.5}
+        impacts.append({**impact, "height_m": None, "status": "parted", "restitution": 0.9})
+    entry = {"engine": "mujoco", "version": "3", "timestep_s": 0.002, "impacts": impacts}
+    file = folder / "baseline.json"
+    file.write_text(
+        json.dumps({"schema": 2, "kind": "hcbench baseline", "checks": {"good.xml": entry}})
+    )
+    return file
+
+
+@pytest.mark.parametrize("degrees", [(20.0,), (30.0, 60.0), (45.0,)])
+def test_a_baseline_with_an_angle_takes_the_same_angle_again(
+    tmp_path: Path, degrees: tuple[float, ...]
+) -> None:
+    """A launch has 12 decimals of its angle; degrees in rad have more, and were refused."""
+    file = baseline_at(tmp_path, *degrees)
+    same = ", ".join(map(str, degrees)) + " deg"
+    planned = plan(ask(angle=same, baseline=file))
+    assert planned.baseline is not None
+    made = {impact.launch for impact in planned.baseline.impacts}
+    assert set(planned.request.launches()) == made
+    with pytest.raises(UserError, match="angle: other launches"):
+        plan(ask(angle="40 deg", baseline=file))
+
+
+def test_a_baseline_takes_the_place_of_the_targets_of_a_file(tmp_path: Path) -> None:
+    """Files with a `target`, or with limits on a landing, which no baseline has, were refused."""
+    file = baseline_at(tmp_path, 0.0)
+    model = f"model = '{GOOD}'\npair = 'ball,plate'\n"
+    linear = f"[[check]]\nname = 'a'\n{model}alpha = 0.1\ntarget = 'linear'\n"
+    landing = f"[[check]]\nname = 'b'\n{model}require = 'e < 0.3'\n"
+    (tmp_path / "checks.toml").write_text(linear + landing)
+    bounce, drop = checks_of(tmp_path / "checks.toml", file)
+    assert bounce.baseline is not None and bounce.wanted is None
+    assert drop.baseline is None and drop.against == "e < 0.3"
 
 
 @pytest.mark.parametrize(

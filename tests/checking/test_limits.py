@@ -15,6 +15,7 @@ import pytest
 from hcbench.checking.outcome import Limit, Verdict, judge_landings, read_limits
 from hcbench.cli import run
 from hcbench.sim.landing import Footfall, Landing, Landings
+from hcbench.system.errors import QuantityError
 
 
 def landings(e: float, slip: float, penetration: float) -> Landings:
@@ -43,6 +44,17 @@ def test_a_value_is_beyond_a_limit_by_a_share_of_it(
     assert isinstance(limit, Limit)
     for value, excess in excesses.items():
         assert limit.excess(value) == pytest.approx(excess)
+
+
+def test_only_a_limit_of_a_plain_number_may_be_in_per_cent() -> None:
+    """5 % of no length was taken as 0.05 m."""
+    assert [limit.value for limit in read_limits("e < 5 %, bouncing < 50%", True)] == [0.05, 0.5]
+    for text in ("slip < 5 %", "contact < 5%", "e < 5 %%"):
+        name = text.split()[0]
+        with pytest.raises(QuantityError, match=f"^require: {name}: .* is in per cent"):
+            read_limits(text, of_landing=True)
+    with pytest.raises(QuantityError, match=r"^require: normal: .* is in per cent"):
+        read_limits("normal < 5 %", of_landing=False)
 
 
 @pytest.mark.parametrize(

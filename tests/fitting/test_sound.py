@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from measured_bounces import synthesise, wav
 
 from hcbench.cli import run
+from hcbench.fitting import listening
+from hcbench.fitting.estimate import fit_law
 from hcbench.fitting.listening import listen, quick_score
 from hcbench.fitting.recording import Recording, read_recording
 from hcbench.fitting.setup import MeasurementSetup
+from hcbench.fitting.which_law import LAWS, WITH_E0
 from hcbench.system.errors import UserError
 
 
@@ -83,6 +88,32 @@ def test_what_is_no_sound_is_one_line_and_exit_2(
     assert run(["fit", str(tmp_path / name)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert re.search(says, line)
+
+
+def test_a_knock_stays_where_no_law_fits_the_touches_without_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Touches without a law ended in an AssertionError. A fit fails rarely, so here it is made to."""
+    sound, _ = synthesise.drop_recording(
+        synthesise.hunt_crossley(0.3), 0.4, 3e-3, "tile", 40, np.random.default_rng(3), seconds=2.0
+    )
+    recording = Recording("r", sound, 44100)
+    band, train = listening._trains(recording)[0]
+    whole = listening._Heard.of(band, train, MeasurementSetup(), recording)
+    knock = whole.places[0] - 15000
+    places = np.array([knock, *whole.places[:5]])
+    heard = replace(whole, places=places, numbers=np.arange(6)).fitted()
+    assert len(heard.without_knocks().places) == 5
+
+    def fails_without_the_knock(law: Any, sets: Any, reference: float) -> Any:
+        if law == LAWS[WITH_E0] and len(sets[0].times) < 6:
+            raise FloatingPointError("no noise is likely")
+        return fit_law(law, sets, reference)
+
+    monkeypatch.setattr(listening, "fit_law", fails_without_the_knock)
+    kept = heard.without_knocks()
+    assert len(kept.places) == 6
+    assert kept.fit is not None
 
 
 def test_noise_has_no_train_of_bounces() -> None:

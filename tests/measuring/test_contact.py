@@ -205,7 +205,7 @@ def test_what_servos_do_while_a_foot_touches_is_said_to_its_end() -> None:
         robot, "left_front_foot,floor", speeds="0.1, 1", contact=True, diagnose=False, rest=False
     )
     said = " ".join(as_text(found).split())
-    assert "While the two touch, the approach changes, in impact speeds: +" in said
+    assert "While the two touch, the approach loses, in impact speeds: +" in said
     assert "by the contact of the pair" in said
     assert "by gravity and motion of the links." in said
     assert "stiffness, N/m" in said

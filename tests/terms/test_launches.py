@@ -63,9 +63,26 @@ def test_a_body_too_slow_for_a_whole_step_falls_from_rest() -> None:
         {"speed": 1.0, "phase": 1.0},
         {"speed": 1.0, "phase": -0.1},
         {"speed": 1.0, "height": -1e-3},
+        {"speed": 1.0, "slip": (math.inf, 0.0)},
+        {"speed": 1.0, "spin": (0.0, math.nan, 0.0)},
     ],
 )
 def test_a_launch_that_no_body_can_have_is_refused(given: dict[str, Any]) -> None:
     name = list(given)[-1]
     with pytest.raises(QuantityError, match=f"^{name}: "):
         Launch(**given)
+
+
+@pytest.mark.parametrize("angle", [math.pi / 2, 2.0, -2.0, math.inf, math.nan, "30 deg", None])
+def test_a_body_cannot_be_sent_at_an_angle_of_90_degrees_or_more(angle: Any) -> None:
+    """The tangent gave a slip of the wrong sign."""
+    with pytest.raises(QuantityError, match=r"^angle: "):
+        Launch.at_angle(angle, 1.0)
+    with pytest.raises(QuantityError, match=r"^speed: "):
+        Launch.at_angle(0.5, None)  # type: ignore[arg-type]
+
+
+def test_a_launch_has_the_angle_that_it_was_made_with() -> None:
+    for degrees in (0.0, 20.0, 89.9):
+        launch = Launch.at_angle(math.radians(degrees), 0.3)
+        assert math.degrees(launch.angle) == pytest.approx(degrees, abs=1e-9)

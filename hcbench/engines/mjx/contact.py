@@ -243,7 +243,8 @@ def _collide(laws: _Laws, model: Any, before: Any, data: Any, values: Any) -> An
 
 
 def _touch(laws: _Laws, model: Any, data: Any) -> _Touch:
-    """The contacts of a world that touch and have a law, with the rows and moves of all contacts.
+    """All contacts of a world as its laws see them; `law` is -1 of those that touch nothing or have
+    no law.
 
     model, data: MJX's, with the contacts of the state.
     """

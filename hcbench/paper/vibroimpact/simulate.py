@@ -458,7 +458,7 @@ def tangent(law: ForceLaw, depth: float) -> tuple[float, float]:
     return float(stiffness), float(damping)
 
 
-def _solve(rising: Drive, wanted: float) -> float:
+def _solve(rising: Callable[[float], float], wanted: float) -> float:
     """Find x > 0, m, at which a rising function reaches the value `wanted`, by bisection on a
     logarithmic scale, from 1e-15 to 1e6 m; beyond, the nearer end.
     """

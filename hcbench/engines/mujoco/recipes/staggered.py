@@ -162,28 +162,32 @@ def _rising(base: float, end: float, power: float, highest: float, start: float)
 
 
 def _layouts(band: Band, highest: float) -> list[list[Damper]]:
-    """Sets of dampers to choose from: one stretch from touch to top,
-    or two for wide bands of speed.
+    """Sets of dampers to choose from: one stretch from touch to top; from a `highest` of 0.5 on also
+    two stretches, which wide bands of speed need. One empty set for a law without damping.
 
-    highest: of their impedances. Onsets and powers are what makes the fit good over n = 1 ... 2,
-    any a and band; all else is fitted.
+    highest: impedance of the strongest damper. Onsets and powers are what makes the fit good over
+    n = 1 ... 2, any a and band; all else is fitted.
     """
     if band.law.dissipation == 0.0:
         return [[]]
     n = band.law.exponent
     top = band.top
     late = 2.0 * (MIN_IMPEDANCE / highest) ** (1.0 / n)
-    one = [_rising(0.0, top, 1.003 * n, highest, 0.45), _straight(late * top, top, 0.01)]
+    power = 1.003 * n
+    one = [
+        _rising(base=0.0, end=top, power=power, highest=highest, start=0.45),
+        _straight(onset=late * top, end=top, highest=0.01),
+    ]
     # Two stretches weigh as much as both together: too much where the impedance is held low.
     if highest < 0.5:
         return [one]
     split = float(np.sqrt(band.low * top))
     late_low = 2.0 * (MIN_IMPEDANCE / 0.2) ** (1.0 / n)
     two = [
-        _rising(0.0, split, 1.003 * n, 0.2, 0.45),
-        _straight(late_low * split, split, 0.005),
-        _straight(split, top, 0.1),
-        _rising(split, top, 1.003 * n, highest, 0.45),
+        _rising(base=0.0, end=split, power=power, highest=0.2, start=0.45),
+        _straight(onset=late_low * split, end=split, highest=0.005),
+        _straight(onset=split, end=top, highest=0.1),
+        _rising(base=split, end=top, power=power, highest=highest, start=0.45),
     ]
     return [one, two]
 

@@ -232,8 +232,8 @@ def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGues
 def _damping_on_the_way_in(band: Band, terms: _Terms, force: Floats, widths: Floats) -> Floats:
     """Damping D of each damper, 1/s, (dampers,): together the law's, a f(x) v, nearest.
 
-    terms: of the dampers at n penetrations and rate 1. force: elastic force f of the law there, per
-    unit mass, (n,). widths: of the dampers' impedances, m.
+    terms: of the dampers at n penetrations and a rate of 1 m/s. force: elastic force f of the law
+    there, per unit mass, (n,). widths: of the dampers' impedances, m.
     """
     # SciPy's optimisation is slow to import.
     from scipy.optimize import nnls

@@ -179,7 +179,8 @@ WRITE = """with open("ball.urdf", "w") as file:
 def ball_urdf(scene: Scene, links: Sequence[LinkOptions]) -> str:
     """URDF of a scene's ball with links, one sphere each; the first is the base, with all the mass.
 
-    Raises SettingError in a cup, SceneError for links that start deeper than the ball's radius.
+    Raises SettingError in a cup, SceneError for links that start as deep as the ball's radius or
+    deeper.
     """
     radius = scene.relative_radius
     if scene.form != "plane":

@@ -439,7 +439,8 @@ def _load(bullet: BulletClient, scene: Scene, role: str, maximal: bool) -> int:
 def _load_links(bullet: BulletClient, scene: Scene, options: PybulletOptions) -> int:
     """The id of a new ball with the links of these options, loaded from a URDF made for it.
 
-    Raises SettingError in a cup, SceneError for links larger than the ball.
+    Raises SettingError in a cup, SceneError for links that start as deep
+    as the ball's radius or deeper.
     """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ball.urdf"
