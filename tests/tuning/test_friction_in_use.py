@@ -182,6 +182,7 @@ def test_a_random_question_with_friction_has_answers_that_plain_mujoco_keeps(num
     assert list(faults(question(SEED, number))) == []
 
 
+@pytest.mark.needs_engine
 @pytest.mark.parametrize("engine", ["dart", "rapier", "drake"])
 def test_friction_is_refused_by_name_where_no_sliding_body_can_be_judged(engine: str) -> None:
     with pytest.raises(hb.HcbenchError) as refused:

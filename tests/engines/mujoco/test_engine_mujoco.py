@@ -320,9 +320,6 @@ def test_launches_that_cannot_arrive_are_refused() -> None:
         ENGINE.run(PLANE, spring_damper(), [Launch(0.0, height=0.01)])
     with pytest.raises(SettingError, match=r"height: 0.03 m above the cup.*0.0254"):
         ENGINE.run(CUP, spring_damper(), [Launch(0.1, height=0.03)])
-    for launch in (Launch(0.1, slip=(math.nan, 0.0)), Launch(0.1, spin=(0.0, math.inf, 0.0))):
-        with pytest.raises(SettingError, match=r"launch: .*; expected finite numbers"):
-            ENGINE.run(PLANE, spring_damper(), [launch])
 
 
 # --- the same bits, always ---
