@@ -81,7 +81,7 @@ class Workers:
     gives each job a task of its own.
     advice: what an error tells the user to do after the executor failed.
     start: returns which start of the executor's own scheduler takes the tasks now: one that was
-    started again knows none of those before.
+    started again has lost those before.
     """
 
     executor: Executor
