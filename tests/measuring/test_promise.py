@@ -49,8 +49,7 @@ def test_a_missing_second_pair_is_named(tmp_path: Path) -> None:
     "curve", [Restitution(0.315), Restitution(0.2, "linear"), ConstantRestitution(0.7)]
 )
 def test_a_promise_reads_back_from_its_text(curve: Restitution | ConstantRestitution) -> None:
-    given = {"gravity": 9.81, "friction": 0.5}
-    promise = Promise("compliant-pairs", 2, curve, 0.0284, (0.1, 3.0), **given)
+    promise = Promise("compliant-pairs", 2, curve, 0.0284, (0.1, 3.0), gravity=9.81, friction=0.5)
     assert Promise.read(promise.text) == promise
     assert Promise.read("something of the user's own") is None
     assert (
