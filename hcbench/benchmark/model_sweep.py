@@ -12,7 +12,6 @@ import json
 import math
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -23,7 +22,7 @@ import numpy as np
 from hcbench.benchmark.plan import versions_here
 from hcbench.benchmark.run import imap_unordered, workers_for
 from hcbench.benchmark.shard import Timeouts
-from hcbench.benchmark.store import DESCRIPTION, GO_ON, OF_A_MODEL, open_files
+from hcbench.benchmark.store import DESCRIPTION, GO_ON, OF_A_MODEL, open_files, output_errors
 from hcbench.benchmark.tables import digest, metadata_in, parquet, require_parquet
 from hcbench.benchmark.vary import TIMESTEP, read_parameters, read_shard, rows_of
 from hcbench.measuring.curve import curve_of, impacts_of
@@ -34,7 +33,7 @@ from hcbench.sim import registry
 from hcbench.sim.capabilities import VariesContacts
 from hcbench.sim.remote import interpreter_of
 from hcbench.system.errors import CannotRun, UserError
-from hcbench.system.files import json_text, parse_json, unwritable
+from hcbench.system.files import json_text, parse_json
 from hcbench.system.outputs import input_files
 from hcbench.system.text import sanitized
 from hcbench.terms.bounds import admits_beyond_bounds, beyond_bounds
@@ -44,6 +43,7 @@ from hcbench.workers import map_surviving_crashes, use_own_worker
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from concurrent.futures import Executor
+    from contextlib import AbstractContextManager
 
     from hcbench.benchmark.store import Files
     from hcbench.sim.capabilities import VariedContact
@@ -75,7 +75,7 @@ class _SweepJob(Job):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class SweepPart:
     """Some rows of parameters, which are measured together.
 
     first: number of the first row in the sweep. rows: (n, number of parameters). name: of the file.
@@ -170,8 +170,9 @@ def sweep_model(
     parameters = read_parameters(vary)
     rows = rows_of(parameters, samples, seed)
     files = open_files(os.fspath(folder))
+    source = _source(model)
     job = _SweepJob(
-        source=_source(model),
+        source=source,
         engine=engine,
         request=make_request(pair, **launch),
         wanted=None,
@@ -179,7 +180,7 @@ def sweep_model(
         diagnose=False,
         rest=ANY_REST if rest else None,
         names=tuple(parameter.name for parameter in parameters),
-        files=_model_digest(_source(model)),
+        files=_model_digest(source),
         beyond_bounds=admits_beyond_bounds(),
     )
     seconds = read_limit(limit)
@@ -287,7 +288,9 @@ def _described(job: _SweepJob, facts: Facts, rows: Floats, part_rows: int) -> di
     }
 
 
-def _parts(job: _SweepJob, rows: Floats, size: int, described: Mapping[str, Any]) -> list[Part]:
+def _parts(
+    job: _SweepJob, rows: Floats, size: int, described: Mapping[str, Any]
+) -> list[SweepPart]:
     """All parts of a sweep, in order, each of `size` rows or, the last, fewer."""
     common = {name: value for name, value in described.items() if not name.startswith("rows")}
     prefix = json_text(common)
@@ -296,18 +299,13 @@ def _parts(job: _SweepJob, rows: Floats, size: int, described: Mapping[str, Any]
         own = rows[first : first + size]
         number = digest(f"{prefix}{first}:".encode() + own.tobytes())
         name = f"part-{first:08d}-{number}.parquet"
-        parts.append(Part(job, first, own, name))
+        parts.append(SweepPart(job, first, own, name))
     return parts
 
 
-@contextmanager
-def _output_errors(files: Files) -> Iterator[None]:
-    """Turn an error of the operating system into an OutputError that names the folder."""
-    try:
-        yield
-    except OSError as error:
-        expected = "room for it in a folder that can be read and written to"
-        raise unwritable("folder", files.where, error, expected, GO_ON) from None
+def _output_errors(files: Files) -> AbstractContextManager[None]:
+    expected = "room for it in a folder that can be read and written to"
+    return output_errors(files.where, expected, GO_ON)
 
 
 def _begin(files: Files, described: Mapping[str, Any], wanted: set[str]) -> set[str]:
@@ -336,14 +334,14 @@ def _begin(files: Files, described: Mapping[str, Any], wanted: set[str]) -> set[
 
 
 def _state_of(
-    files: Files, parts: Sequence[Part], there: set[str]
-) -> tuple[ModelSweep, list[Part]]:
+    files: Files, parts: Sequence[SweepPart], there: set[str]
+) -> tuple[ModelSweep, list[SweepPart]]:
     """The state of a sweep when it begins, and its parts that are missing or cut short.
 
     there: names of the files in the folder.
     """
     now = ModelSweep(rows=0, of=sum(len(part.rows) for part in parts))
-    missing: list[Part] = []
+    missing: list[SweepPart] = []
     for part in parts:
         if part.name not in there:
             missing.append(part)
@@ -383,7 +381,7 @@ def _difference(there: bytes, here: str) -> str:
     return ""
 
 
-def measure_part(part: Part, timeouts: Timeouts) -> bytes:
+def measure_part(part: SweepPart, timeouts: Timeouts) -> bytes:
     """Measure the rows of a part in a worker process; return the bytes of its file.
 
     They depend on the part alone, and in the last digits on the kind of processor.
@@ -469,7 +467,7 @@ def _without_e(status: str, reason: str) -> dict[str, Any]:
     return {**nothing, "samples": 0, "failed": 0, "status": status, "reason": reason}
 
 
-def _table(part: Part, measured: Sequence[list[dict[str, Any]]]) -> bytes:
+def _table(part: SweepPart, measured: Sequence[list[dict[str, Any]]]) -> bytes:
     """The bytes of a part's file: one row for each point.
 
     measured: the records of each row of parameters.

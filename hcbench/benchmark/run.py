@@ -188,8 +188,8 @@ def workers_for(executor: Executor | None, scheduler: str | None, jobs: int) -> 
         width = int(getattr(executor, "_max_workers", jobs))
         yield Workers(executor, lambda: width)
     elif scheduler is not None:
-        with connected(scheduler) as (cluster, threads, start):
-            yield Workers(cluster, threads, task_s=_TASK_S, start=start)
+        with connected(scheduler) as cluster:
+            yield cluster
     else:
         with WorkerPool(jobs) as pool:
             yield Workers(pool.threads, lambda: jobs, pool.map)
@@ -338,12 +338,8 @@ _INSTALL = "pip install distributed pyarrow"
 
 
 @contextmanager
-def connected(
-    address: str,
-) -> Iterator[tuple[Executor, Callable[[], int], Callable[[], str]]]:
-    """Connect to a scheduler: its executor, a function that counts the tasks its workers run at
-    once, 1 or more, and one that returns which start of the scheduler it is. The connection ends
-    with the block.
+def connected(address: str) -> Iterator[Workers]:
+    """Connect to a scheduler, whose workers run a study. The connection ends with the block.
 
     address: such as "tcp://host:8786".
 
@@ -370,7 +366,9 @@ def connected(
     with _quiet():
         try:
             _require_workers(client, address)
-            yield client.get_executor(pure=False), _width(client, address), _start(client)
+            cluster = _Cluster(client, address)
+            executor = client.get_executor(pure=False)
+            yield Workers(executor, cluster.width, task_s=_TASK_S, start=cluster.start)
         except Exception:
             if client.status == "running":
                 raise
@@ -399,57 +397,48 @@ def _quiet() -> Iterator[None]:
             logger.setLevel(level)
 
 
-def _start(client: Any) -> Callable[[], str]:
-    """Return a function that returns the name which the scheduler gave itself as it started, read
-    at most once in _COUNT_S.
+class _Cluster:
+    """The answers of a Dask scheduler, which is asked at most once in _COUNT_S.
 
-    client: Dask's.
+    client: Dask's. address: of its scheduler, for errors.
     """
-    name = ""
-    read = -math.inf
 
-    def start() -> str:
-        """The name, as it was last told."""
-        nonlocal name, read
+    def __init__(self, client: Any, address: str) -> None:
+        self._client = client
+        self._address = address
+        self._threads = 1
+        self._name = ""
+        self._asked = -math.inf
+        self._seen = time.monotonic()
+
+    def width(self) -> int:
+        """The number of tasks that the workers run at once, 1 or more.
+
+        Raises CannotRun if there has been no worker for _WORKERS_S.
+        """
+        now = self._ask()
+        # A worker that was lost may come back: for a while one task counts.
+        if self._threads:
+            self._seen = now
+        elif now - self._seen >= _WORKERS_S:
+            raise _without_workers(self._address, GO_ON)
+        return max(1, self._threads)
+
+    def start(self) -> str:
+        """The name that the scheduler gave itself as it started."""
+        self._ask()
+        return self._name
+
+    def _ask(self) -> float:
+        """Ask the scheduler again where it is time to; the time now, s."""
         now = time.monotonic()
-        if now - read >= _COUNT_S:
-            # Without an answer Dask connects again.
-            with suppress(OSError):
-                name = str(client.scheduler_info()["id"])
-                read = now
-        return name
-
-    return start
-
-
-def _width(client: Any, address: str) -> Callable[[], int]:
-    """Return a function that counts the tasks the workers run at once, 1 or more, at most once in
-    _COUNT_S.
-
-    client: Dask's. address: of its scheduler, for the error. The function raises CannotRun if there
-    has been no worker for _WORKERS_S.
-    """
-    threads = 1
-    counted = -math.inf
-    seen = time.monotonic()
-
-    def width() -> int:
-        """The number of tasks. Raises CannotRun without a worker for _WORKERS_S."""
-        nonlocal threads, counted, seen
-        now = time.monotonic()
-        if now - counted >= _COUNT_S:
+        if now - self._asked >= _COUNT_S:
             # Without an answer Dask connects again, or gives up and closes the client.
             with suppress(OSError):
-                threads = sum(client.ncores().values())
-                counted = now
-        # A worker that was lost may come back: for a while one task counts.
-        if threads:
-            seen = now
-        elif now - seen >= _WORKERS_S:
-            raise _without_workers(address, GO_ON)
-        return max(1, threads)
-
-    return width
+                self._threads = sum(self._client.ncores().values())
+                self._name = str(self._client.scheduler_info()["id"])
+                self._asked = now
+        return now
 
 
 def _without_workers(address: str, advice: str) -> CannotRun:

@@ -17,7 +17,7 @@ import threading
 import time
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -315,6 +315,15 @@ _IN_A_FOLDER = 1000
 _BOUNCES = re.compile(r"_bounces-([0-9a-f]{16})\.parquet")
 
 
+@contextmanager
+def output_errors(where: str, expected: str, advice: str) -> Iterator[None]:
+    """Turn an error of the operating system into an OutputError that names a sweep's folder."""
+    try:
+        yield
+    except OSError as error:
+        raise unwritable("folder", where, error, expected, advice) from None
+
+
 class Store:
     """The results of a study, shard by shard, in the files of a folder.
 
@@ -340,13 +349,8 @@ class Store:
         with self._output_errors("a folder that can be written to"):
             self._files.require_folder()
 
-    @contextmanager
-    def _output_errors(self, expected: str) -> Iterator[None]:
-        """Turn an error of the operating system into an OutputError that names the folder."""
-        try:
-            yield
-        except OSError as error:
-            raise unwritable("folder", self.where, error, expected, self._advice) from None
+    def _output_errors(self, expected: str) -> AbstractContextManager[None]:
+        return output_errors(self.where, expected, self._advice)
 
     def description(self) -> dict[str, Any] | None:
         """Read the description of the sweep, as a dict of JSON values; None for a folder without

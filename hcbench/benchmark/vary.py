@@ -24,7 +24,7 @@ _EXAMPLE = "Write for example --vary friction=0.3:1:5"
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class VariedParameter:
     """A parameter that a sweep varies.
 
     values: those that it takes, SI; of a band its lowest and its highest.
@@ -47,7 +47,7 @@ class Parameter:
         return np.asarray(low + (high - low) * share)
 
 
-def read_parameter(text: str) -> Parameter:
+def read_parameter(text: str) -> VariedParameter:
     """A parameter of "NAME=VALUES".
 
     VALUES: a list "0.3, 0.5"; a grid "LOW:HIGH:COUNT"; or a band "LOW:HIGH". " log" at the end of a
@@ -74,10 +74,10 @@ def read_parameter(text: str) -> Parameter:
         numbers = numbers[[0, -1]]
     if len(np.unique(numbers)) != len(numbers):
         raise UserError("vary", f"{text!r} has a value twice", "each value once")
-    return Parameter(name, tuple(numbers.tolist()), is_band, is_log)
+    return VariedParameter(name, tuple(numbers.tolist()), is_band, is_log)
 
 
-def read_parameters(texts: Sequence[str]) -> list[Parameter]:
+def read_parameters(texts: Sequence[str]) -> list[VariedParameter]:
     """The parameters of texts, each "NAME=VALUES"; UserError for none, and for one twice."""
     if not texts:
         raise UserError("vary", "none given", "a parameter with its values", _EXAMPLE)
@@ -90,7 +90,7 @@ def read_parameters(texts: Sequence[str]) -> list[Parameter]:
     return parameters
 
 
-def rows_of(parameters: Sequence[Parameter], samples: int | None, seed: int) -> Floats:
+def rows_of(parameters: Sequence[VariedParameter], samples: int | None, seed: int) -> Floats:
     """Rows of values, shape (n, number of parameters), each row once.
 
     samples: rows drawn at random, at most; None: the whole grid, its last parameter fastest. A grid

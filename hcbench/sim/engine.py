@@ -272,7 +272,7 @@ def _require_launch(launch: Launch, engine: str, oblique: bool) -> None:
     """
     if not isinstance(launch, Launch):
         raise SettingError("launch", f"{launch!r:.200}", "a Launch")
-    if launch.speed < 0 or (launch.speed == 0 and not launch.height):
+    if launch.speed == 0 and not launch.height:
         raise SettingError(
             "speed", f"{launch.speed!r} m/s", "a speed above 0, or a height to fall from"
         )

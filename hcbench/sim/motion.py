@@ -20,7 +20,7 @@ _STATES_APART = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class RecordedMotion:
     """States of a recording, SI: qpos (n, nq), qvel (n, nv) and the time of each, (n,)."""
 
     qpos: Floats
@@ -30,7 +30,7 @@ class Motion:
     @classmethod
     def read(
         cls, recorded: Mapping[str, Floats], nq: int, nv: int, timestep: float, layout: str = ""
-    ) -> Motion:
+    ) -> RecordedMotion:
         """The states of a recording with `qpos`, `qvel` and, where it is known, `time`; without it
         they are a time step, s, apart.
 

@@ -10,6 +10,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -174,6 +175,18 @@ def require_reachable(
             "two that meet before anything else does",
             f"Name the parts that meet first{advice}",
         )
+
+
+# Speeds at which a plug-in's law holds.
+ANY_SPEED = (0.0, float("inf"))
+
+
+class Touchdown(NamedTuple):
+    """A touchdown of one part on another: time, s; speed together and along each other, m/s."""
+
+    time: float
+    speed: float
+    slide: float
 
 
 @dataclass(frozen=True)

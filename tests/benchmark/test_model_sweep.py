@@ -353,7 +353,7 @@ def test_a_worker_with_another_model_is_one_line(model: Path, tmp_path: Path) ->
         diagnose=False,
         files="0123456789abcdef",
     )
-    part = model_sweep.Part(job, 0, np.ones((1, 1)), "part")
+    part = model_sweep.SweepPart(job, 0, np.ones((1, 1)), "part")
     with in_place():
         with pytest.raises(CannotRun, match=r"ball\.xml is not there, or not the same"):
             model_sweep.measure_part(part, Timeouts())

@@ -5,13 +5,16 @@ step is named.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 import pytest
 
 from hcbench.contact import mujoco as contact
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 H = 2e-3
 LEG = """
@@ -125,13 +128,19 @@ def test_so_it_does_where_damping_is_implicit(parts: dict[str, str]) -> None:
     assert off_any_impact(leg(parts, "implicitfast")) < 1e-9
 
 
-def warnings_of(model: Any, steps: int = 1) -> list[str]:
+def heard(act: Callable[[], object]) -> list[str]:
+    """Warnings of MuJoCo while something is done."""
     warned: list[str] = []
     mujoco.set_mju_user_warning(warned.append)
     try:
-        mujoco.mj_step(model, start_of(model), nstep=steps)
+        act()
     finally:
         mujoco.set_mju_user_warning(None)
+    return warned
+
+
+def warnings_of(model: Any, steps: int = 1) -> list[str]:
+    warned = heard(lambda: mujoco.mj_step(model, start_of(model), nstep=steps))
     return [words for words in warned if "too fast for a step" in words]
 
 
@@ -206,12 +215,10 @@ SPRUNG_WHEEL = """
 
 def test_a_damped_axle_beside_a_spring_is_not_named() -> None:
     """A trace of the spring in the axle's motion made the longest step 0, by cancellation."""
-    contact.load()
-    warned: list[str] = []
-    mujoco.set_mju_user_warning(warned.append)
-    try:
+
+    def run() -> None:
         model = mujoco.MjModel.from_xml_string(SPRUNG_WHEEL)
         mujoco.mj_step(model, mujoco.MjData(model), nstep=300)
-    finally:
-        mujoco.set_mju_user_warning(None)
-    assert not warned
+
+    contact.load()
+    assert not heard(run)

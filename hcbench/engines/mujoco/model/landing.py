@@ -38,8 +38,8 @@ from hcbench.sim.landing import (
     take_off_speed,
 )
 from hcbench.sim.model_under_test import Request
-from hcbench.sim.motion import Motion, NewTouches
-from hcbench.sim.touch import Touchdowns, TrajectoryTouchdowns
+from hcbench.sim.motion import NewTouches, RecordedMotion
+from hcbench.sim.touch import ANY_SPEED, Touchdown, Touchdowns, TrajectoryTouchdowns
 from hcbench.system.errors import EngineFailed, UserError
 from hcbench.terms.impact import Floats
 
@@ -418,16 +418,6 @@ def _require_stable(data: Any, time: float) -> None:
 _Geoms = tuple[int, int]
 # Numbers of the two rigid parts that they belong to, in the same order.
 _Parts = tuple[int, int]
-# The plug-in's law holds at any speed.
-_ANY_SPEED = (0.0, float("inf"))
-
-
-class _Touchdown(NamedTuple):
-    """A touchdown of one part on another: time, s; speed together and along each other, m/s."""
-
-    time: float
-    speed: float
-    slide: float
 
 
 def touchdowns(
@@ -440,7 +430,7 @@ def touchdowns(
     Raises UserError for other shapes, for states that cannot be, and for a pair that the model does
     not have.
     """
-    motion = Motion.read(recorded, model.nq, model.nv, float(model.opt.timestep))
+    motion = RecordedMotion.read(recorded, model.nq, model.nv, float(model.opt.timestep))
     require_quaternions(model, motion.qpos, "trajectory")
     kept = None
     if request.pair is not None:
@@ -461,7 +451,9 @@ def _ascending(geoms: _Geoms) -> _Geoms:
     return (first, second) if first <= second else (second, first)
 
 
-def _events(model: Any, motion: Motion, kept: set[_Geoms] | None) -> dict[_Geoms, list[_Touchdown]]:
+def _events(
+    model: Any, motion: RecordedMotion, kept: set[_Geoms] | None
+) -> dict[_Geoms, list[Touchdown]]:
     """Touchdowns of every two rigid parts, in the order of time, by the first two of their geoms
     that touched.
 
@@ -473,7 +465,7 @@ def _events(model: Any, motion: Motion, kept: set[_Geoms] | None) -> dict[_Geoms
     qpos, qvel, time = motion.qpos, motion.qvel, motion.time
     now = backend().MjData(model)
     before = backend().MjData(model)
-    events: dict[_Parts, list[_Touchdown]] = {}
+    events: dict[_Parts, list[Touchdown]] = {}
     first_geoms: dict[_Parts, _Geoms] = {}
     touches = NewTouches(time)
     for i in range(len(qpos)):
@@ -497,7 +489,7 @@ def _events(model: Any, motion: Motion, kept: set[_Geoms] | None) -> dict[_Geoms
                 _closing_speeds(model, now, now, contact, geoms),
             )
             if speed > 0.0:
-                events.setdefault(parts, []).append(_Touchdown(float(time[i]), speed, slide))
+                events.setdefault(parts, []).append(Touchdown(float(time[i]), speed, slide))
     return {first_geoms[parts]: of_parts for parts, of_parts in events.items()}
 
 
@@ -552,7 +544,7 @@ def _closing_speeds(
     return approach, float(np.linalg.norm(velocity - sign * approach * normal))
 
 
-def _foot(model: Any, geoms: _Geoms, events: Sequence[_Touchdown]) -> Touchdowns:
+def _foot(model: Any, geoms: _Geoms, events: Sequence[Touchdown]) -> Touchdowns:
     """Touchdowns of two parts, with the band of speeds that their setting holds in.
 
     geoms: the first two that touched, one of each part. events: one or more, in the order of time.
@@ -560,7 +552,7 @@ def _foot(model: Any, geoms: _Geoms, events: Sequence[_Touchdown]) -> Touchdowns
     promise = promise_in(model, geoms)
     band = None
     if restitution_law(model, geoms) is not None:
-        band = _ANY_SPEED
+        band = ANY_SPEED
         setting = "plug-in hcbench.restitution"
     elif promise is not None:
         band = promise.speeds

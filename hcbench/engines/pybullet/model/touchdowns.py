@@ -16,6 +16,7 @@ from hcbench.engines.pybullet.backend import (
     DISTANCE,
     LINK_A,
     LINK_B,
+    MASS,
     NORMAL,
     POINT_A,
 )
@@ -23,8 +24,8 @@ from hcbench.engines.pybullet.model.bodies import FIXED, JOINT_TYPE, PRISMATIC, 
 from hcbench.engines.pybullet.model.causes import RESTITUTION, promise_in
 from hcbench.engines.pybullet.model.list_pairs import find_pair
 from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart
-from hcbench.sim.motion import Motion, NewTouches
-from hcbench.sim.touch import Touchdowns, TrajectoryTouchdowns
+from hcbench.sim.motion import NewTouches, RecordedMotion
+from hcbench.sim.touch import ANY_SPEED, Touchdown, Touchdowns, TrajectoryTouchdowns
 from hcbench.system.errors import QuantityError, UserError
 
 if TYPE_CHECKING:
@@ -41,19 +42,9 @@ _TOUCHING = 1e-4
 _PLACE, _BASE_Q, _BASE_V = 3, 7, 6
 # A quaternion shorter than this is none.
 _LEAST_QUATERNION = 1e-6
-# The plug-in's law holds at any speed.
-_ANY_SPEED = (0.0, float("inf"))
 
 # Two links that meet: numbers of body and link, of the one that moves first.
 _Links = tuple[int, int, int, int]
-
-
-class _Touchdown(NamedTuple):
-    """A touchdown of one link on another: time, s; speed together and along each other, m/s."""
-
-    time: float
-    speed: float
-    slide: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +76,7 @@ class _Moving:
             bullet.resetJointState(self.body, joint, position, velocity)
 
 
-class _Contact(NamedTuple):
+class _TouchingLinks(NamedTuple):
     """A contact of two links: point, m, and unit normal on the first one, (3,) each."""
 
     links: _Links
@@ -95,7 +86,7 @@ class _Contact(NamedTuple):
 
 class _Recording:
     """The bodies of a world that move, and the states of a recording. Raises UserError for a joint
-    that a state cannot have, and as `Motion.read` does.
+    that a state cannot have, and as `RecordedMotion.read` does.
     """
 
     def __init__(self, bullet: BulletClient, recorded: Mapping[str, Floats]) -> None:
@@ -106,7 +97,7 @@ class _Recording:
         # Where the numbers of each body begin.
         self._starts = np.cumsum(widths, axis=0) - widths
         timestep = float(bullet.getPhysicsEngineParameters()["fixedTimeStep"])
-        self.motion = Motion.read(recorded, nq, nv, timestep, self._layout())
+        self.motion = RecordedMotion.read(recorded, nq, nv, timestep, self._layout())
         for one, (start, _) in zip(self.moving, self._starts.tolist(), strict=True):
             turns = self.motion.qpos[:, start + _PLACE : start + _BASE_Q]
             if one.is_free and np.linalg.norm(turns, axis=1).min() < _LEAST_QUATERNION:
@@ -143,7 +134,7 @@ def _moving_bodies(bullet: BulletClient) -> Iterator[_Moving]:
                 raise UserError("trajectory", got, "a model of hinges and slides")
             if kind != FIXED:
                 joints.append(joint)
-        is_free = bullet.getDynamicsInfo(body, -1)[0] > 0.0
+        is_free = bullet.getDynamicsInfo(body, -1)[MASS] > 0.0
         if is_free or joints:
             yield _Moving(body, is_free, joints)
 
@@ -177,7 +168,7 @@ def touchdowns(
 
 def _events(
     recording: _Recording, pair: tuple[BodyPart, BodyPart] | None
-) -> dict[_Links, list[_Touchdown]]:
+) -> dict[_Links, list[Touchdown]]:
     """Touchdowns of every two links, in the order of time.
 
     pair: the two that count; None: a link that moves, on a body that does not.
@@ -185,7 +176,7 @@ def _events(
     contact slows, and free flight may speed up, within the time between two states.
     """
     touches = NewTouches(recording.motion.time)
-    events: dict[_Links, list[_Touchdown]] = {}
+    events: dict[_Links, list[Touchdown]] = {}
     for state, time in enumerate(recording.motion.time.tolist()):
         recording.put(state)
         every = _contacts(recording, pair)
@@ -196,11 +187,13 @@ def _events(
         for contact, speeds in zip(begun, at_touch, strict=True):
             speed, slide = max(speeds, _closing_speeds(recording.bullet, contact))
             if speed > 0.0:
-                events.setdefault(contact.links, []).append(_Touchdown(time, speed, slide))
+                events.setdefault(contact.links, []).append(Touchdown(time, speed, slide))
     return events
 
 
-def _contacts(recording: _Recording, pair: tuple[BodyPart, BodyPart] | None) -> Iterator[_Contact]:
+def _contacts(
+    recording: _Recording, pair: tuple[BodyPart, BodyPart] | None
+) -> Iterator[_TouchingLinks]:
     """The contacts of the present state that count, see `_events`."""
     bullet = recording.bullet
     moving = [one.body for one in recording.moving]
@@ -215,14 +208,14 @@ def _contacts(recording: _Recording, pair: tuple[BodyPart, BodyPart] | None) -> 
             is_asked = first.link in (ANY_LINK, one) and second.link in (ANY_LINK, two)
             if is_asked and contact[DISTANCE] <= _TOUCHING:
                 links = (first.body, one, second.body, two)
-                yield _Contact(links, np.array(contact[POINT_A]), np.array(contact[NORMAL]))
+                yield _TouchingLinks(links, np.array(contact[POINT_A]), np.array(contact[NORMAL]))
 
 
 def _every_link(body: int, other: int) -> tuple[BodyPart, BodyPart]:
     return BodyPart("", body, ANY_LINK), BodyPart("", other, ANY_LINK)
 
 
-def _closing_speeds(bullet: BulletClient, contact: _Contact) -> tuple[float, float]:
+def _closing_speeds(bullet: BulletClient, contact: _TouchingLinks) -> tuple[float, float]:
     """(speed at which two links close in, at which they slide on each other) at the point of a
     contact in the present state, m/s.
     """
@@ -234,7 +227,7 @@ def _closing_speeds(bullet: BulletClient, contact: _Contact) -> tuple[float, flo
     return -away, float(np.linalg.norm(velocity - away * contact.normal))
 
 
-def _foot(world: LoadedWorld, links: _Links, events: list[_Touchdown]) -> Touchdowns:
+def _foot(world: LoadedWorld, links: _Links, events: list[Touchdown]) -> Touchdowns:
     """Touchdowns of two links, one or more, with the band of speeds that their setting holds in."""
     bullet = world.bullet
     sides = (BodyPart("", *links[:2]), BodyPart("", *links[2:]))
@@ -242,7 +235,7 @@ def _foot(world: LoadedWorld, links: _Links, events: list[_Touchdown]) -> Touchd
     law = None if world.files else plugin.find(links[:2], links[2:], client=bullet.client)
     band = None
     if law is not None:
-        band = _ANY_SPEED
+        band = ANY_SPEED
         setting = f"plug-in hcbench: {law[1]}"
     elif promise is not None:
         band = promise.speeds
