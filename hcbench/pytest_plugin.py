@@ -110,7 +110,10 @@ class FixtureOptions(LaunchOptions, LimitOptions, total=False):
 
 
 class RestitutionFixture:
-    """The fixture: call it with a model and a pair."""
+    """The fixture: call it with a model and a pair.
+
+    bounces: those that this test asked for.
+    """
 
     def __init__(self, defaults: Mapping[str, Any], folder: Path) -> None:
         self._defaults = dict(defaults)
@@ -154,7 +157,10 @@ class RestitutionFixture:
 
 
 class ModelBounce:
-    """One model, measured when it is held against something."""
+    """One model, measured when it is held against something.
+
+    is_measured: a test held it against something.
+    """
 
     def __init__(self, model: Any, pair: Any, options: Mapping[str, Any]) -> None:
         self._model = model

@@ -53,6 +53,7 @@ class LaunchGrid:
     range of these numbers that is not empty.
 
     dropped: bodies fall from rest to touch at the speeds; else they are launched shortly before.
+    alphas: α of the laws that the impacts are compared to, s/m.
     speeds: at the touch, rising.
     loop_speeds: those at which loops are kept, at the middle phase.
     phases: how many; they are (k + 1/2) / phases of a step.
@@ -221,6 +222,7 @@ class Plan:
     inputs: by a scene's name.
     records: of each setting, α and step, as JSON: the keys of RUN_KEY, its options, and its
     recipe's summary and notes.
+    grids: in the order of their shards.
     cuts: of each shard the grid, and which of its launches.
     starts: number of the first shard of each grid, and at the end how many there are.
     """

@@ -126,7 +126,10 @@ def _loops_in(content: bytes) -> dict[float, dict[_Launched, Loop]]:
 
 
 class _Gathering:
-    """Folds and scores the impacts of one key, a setting at a step for an α, shard by shard."""
+    """Folds and scores the impacts of one key, a setting at a step for an α, shard by shard.
+
+    alpha: of the law to score against, s/m.
+    """
 
     def __init__(self, key: Key, study: Mapping[str, Any]) -> None:
         """Begin without impacts, for one setting, step and α.
@@ -137,6 +140,7 @@ class _Gathering:
         self.alpha = float(key[RUN_KEY.index("alpha_s_per_m")])
         self._law = HuntCrossley(study["stiffness"], self.alpha, study["exponent"])
         self._mass = float(study["mass_kg"])
+        # Speeds, m/s, at which loops are scored.
         self._scored = set(study["loop_speeds"])
         self._tally = scoring.Tally(self._law, self._mass)
         self._folder = Folder(study)

@@ -162,6 +162,7 @@ class Folder:
         # The phases are (k + 1/2) / phases: this is the later of the two middle ones.
         self._loop_phase = (study["phases"] // 2 + 0.5) / study["phases"]
         self._edges = _edges(study)
+        # Number of impacts with each status.
         self._status = Counter[str]()
         # The largest of each so far; minus_e is -e, so that its largest is the least e.
         self._most = dict.fromkeys(

@@ -406,8 +406,10 @@ class _Cluster:
     def __init__(self, client: Any, address: str) -> None:
         self._client = client
         self._address = address
+        # The last answer: threads of all workers, and the scheduler's own name.
         self._threads = 1
         self._name = ""
+        # When it last answered, and when it last had a worker, s of time.monotonic.
         self._asked = -math.inf
         self._seen = time.monotonic()
 

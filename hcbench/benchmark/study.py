@@ -153,6 +153,7 @@ class Study:
     """Runs of a study, SI. `loop_speeds` are launched too; their loops (at the middle phase) are
     kept and scored.
 
+    alphas: α of the laws, s/m. speeds, loop_speeds: of impacts, m/s. phases: launches a speed.
     all_loops: keep those at every other speed of the band too, and of the drops, to look at.
     scene: the main one; each run has its own.
     main_alpha, step_speed: the α and the speed that figures of one α or one speed show.

@@ -410,6 +410,7 @@ class Totals:
     """
 
     def __init__(self) -> None:
+        # By the values of RUN_KEY.
         self._by_key: dict[tuple[Any, ...], Summary] = {}
 
     def add(self, summaries: Iterable[Summary]) -> None:

@@ -40,6 +40,9 @@ _Number = Annotated[StrictFloat, Field(allow_inf_nan=False)]
 class BaselineImpact(BaseModel):
     """One impact by the keys of BASELINE_IMPACT; restitution NaN where
     there was none, null in the file.
+
+    speed: at launch, m/s. phase: in a step, 0 to 1. height: of a drop, m, else None.
+    slip, spin: at launch, m/s and rad/s, in the directions of `Launch`.
     """
 
     model_config = ConfigDict(frozen=True, defer_build=True, alias_generator=_KEYS.__getitem__)

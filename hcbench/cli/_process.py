@@ -115,7 +115,10 @@ def flush_stdio() -> None:
 
 
 class _Interrupts:
-    """The signals that end a command, as KeyboardInterrupt. came: whether one has."""
+    """The signals that end a command, as KeyboardInterrupt. came: whether one has.
+
+    _last: when a signal came last; _begin: when the last that counts did, s of time.monotonic.
+    """
 
     came: bool = False
     _last: float = -_REPEAT_S

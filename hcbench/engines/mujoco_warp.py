@@ -174,7 +174,10 @@ def with_a_geom_each(xml: str) -> str:
 
 
 class WarpCopies(Copies):
-    """Copies of a model on one device."""
+    """Copies of a model on one device.
+
+    places: launches at once. bits, kind: of its numbers.
+    """
 
     places = _PLACES
     bits = 32

@@ -133,6 +133,8 @@ class _Search:
     last: that flight, s; the second of two where a touch between them is unheard.
     e: of its last impact, NaN for none.
     before: the click at which the flight before began, -1 for none.
+    score: ln of how much likelier the train is than clutter; -inf for none. worth: that of each
+    click by itself, (n,).
     gap: whether a touch within the flight is unheard; unheard: how many are in the train.
     """
 

@@ -47,6 +47,7 @@ class DataColumns:
     """The columns of a table by what they are: SI, shape (n,);
     uncertainties under "u_" and the name.
 
+    places: number of the table's column by what it is.
     assumed: what the file does not say and its numbers leave no choice about; "" for nothing.
     """
 

@@ -126,6 +126,7 @@ class Heights(Dataset):
     """Heights to which a ball rises after successive bounces.
 
     heights: (n,), m, of successive bounces; the first may be where the ball was let go.
+    uncertainty: standard, of each height, m; None: to be found from their scatter.
     numbers: (n,), which bounce each is, from 0; None: none is missing.
 
     Own parameter: ln of the speed of the first touch where the drop height is

@@ -56,6 +56,7 @@ class Reduced:
     columns: (m, p + q + c), the model's columns [own, law, residual and more right-hand sides]
     along its eigenvectors; rest: their Gram matrix across them, of rest_count dimensions.
     turn: (m, m), from ε to those directions.
+    own, law: numbers p and q of the columns of own and of the law's parameters; count: n readings.
     prior: Gram matrix of what is known before.
     constant: added to the log-likelihood.
     """

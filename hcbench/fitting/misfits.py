@@ -300,7 +300,10 @@ def _legendre(u: Floats) -> Floats:
 
 
 class _Change:
-    """A change of ln e besides a law, over a grid of scatter and noise."""
+    """A change of ln e besides a law, over a grid of scatter and noise.
+
+    _alone: ln of the evidence of the law without a change.
+    """
 
     def __init__(self, fit: LawFit, s: Dataset, shapes: Floats) -> None:
         """Prepare the likelihood of a change of e about the fitted law.

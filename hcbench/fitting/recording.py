@@ -152,7 +152,10 @@ def _one_channel(source: _Wav | _Compressed, name: str, sound: Floats, at: int) 
 
 
 class _Wav:
-    """Blocks of a WAV file, mapped into memory where its samples allow."""
+    """Blocks of a WAV file, mapped into memory where its samples allow.
+
+    _middle, _top: numbers of the file that stand for silence, and for 1 above it.
+    """
 
     def __init__(self, path: Path) -> None:
         """Open the file. Raises UserError for what is not a WAV recording.
@@ -496,6 +499,7 @@ class Timer:
         places: (n,), samples at which the train's clicks are.
         """
         self.band = band
+        # Of clicks that were timed: s, by their samples.
         self._times: dict[int, float] = {}
         pieces = [self._piece(self._onset_of(int(p))) for p in places]
         shifts = np.zeros(len(pieces))

@@ -42,6 +42,7 @@ class Comparison:
     files: names of the other's.
     compared: "alpha", or "one_minus_e" where e of both is constant.
     ratio: of the first material's to the other's.
+    few_drops: a material has too few drops to tell well how they differ.
     """
 
     files: tuple[str, ...]
@@ -150,6 +151,7 @@ class FitResult(Drawn):
     doubts: why neither a law nor α is given although one was fitted.
     reservation: why no law is given.
     lack: the odds that no law fits.
+    flags: touches that stand out. warnings: sentences for the user.
     drops: of several files, each by itself; between: by which share of α they differ beyond their
     own errors.
     against: the comparison with another material, where files of one were given.

@@ -245,7 +245,9 @@ class _HuntCrossleyCurve(FittedCurve):
 
     # (3/2) α, s/m: times a speed it is the dissipation d of the law.
     rate: float
+    # Speed, m/s, at which the first parameter of the fit is ln e.
     reference: float
+    # None: e0 = 1.
     log_e0: float | None
 
     @property

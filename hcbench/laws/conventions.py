@@ -220,6 +220,7 @@ class Conversion(Shown):
     alpha: α, s/m.
     speed: where the restitution holds, m/s, or None.
     restitution: e of the law there, restitution_linear: 1 - α v.
+    rows: the contact in each convention. caveats: sentences on what the numbers do not tell.
     missing: what has no value, and why, a sentence each.
     """
 

@@ -321,6 +321,7 @@ class _Trials:
         self.model = model
         self.launches = launches
         self.goal = goal
+        # By the codes of the fixes that were made.
         self._impacts: dict[frozenset[str], list[Impact]] = {}
 
     def impacts(self, fixes: Sequence[Suspect]) -> list[Impact]:

@@ -155,7 +155,8 @@ class _ImpactFit:
     attitude then from `base`, rad), _VELOCITY (m/s) and _SPIN (rad/s) before, _IMPULSE (N s), and
     _JUMPED (m) and _JUMP_TURN (rad), by which the pose jumps while the contact lasts.
 
-    time, place, turns: of the frames, s, m and attitudes.
+    time, place, turns: of the frames, s, m and attitudes; the first `before` of them are of the
+    flight before the impact. began: time of the motion's first frame, s.
     touch: time of the touch, s; since: times from then on; later: mask of the frames after it.
     """
 

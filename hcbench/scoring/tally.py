@@ -243,13 +243,17 @@ class Tally:
         self._ends = np.array([math.inf, -math.inf])
         # Pairs of (impact speeds, m/s; e).
         self._pairs: list[tuple[Floats, Floats]] = []
+        # Of e: against the law, and against 1 - α v.
         self._off_law = _Errors()
         self._off_linear = _Errors()
         # Largest range over the phases: of e, and of its error.
         self._spreads = np.full(2, math.nan)
+        # Of the energy lost over speed: as measured, and by the law.
         self._loss = _Slope()
         self._law_loss = _Slope()
+        # True where an impact returned more than it got.
         self._gained = False
+        # Fewest steps in contact of an impact.
         self._samples = 0
         self._loops: list[LoopScore] = []
 

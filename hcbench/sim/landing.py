@@ -178,7 +178,13 @@ class Landings(Shown):
 
 
 class FootfallLog:
-    """Adds up what one part does on the floor, step by step."""
+    """Adds up what one part does on the floor, step by step.
+
+    touch: time of its first touch, s. speed, slide: then, towards the floor and along it, m/s.
+    by_impulses: impulses turn it back, which have no force.
+    contact: s until it first left. bounces: touches after that. slip: way along the floor, m.
+    penetration: deepest, m. force_max: largest force, N; NaN of impulses.
+    """
 
     def __init__(
         self, touch: float, speed: float, slide: float, *, by_impulses: bool = False

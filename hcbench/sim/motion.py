@@ -69,7 +69,10 @@ class RecordedMotion:
 
 @dataclass
 class NewTouches:
-    """Tells which contacts of a recording are touchdowns. time: of its states, s, (n,)."""
+    """Tells which contacts of a recording are touchdowns. time: of its states, s, (n,).
+
+    _last_seen: when each contact was there last, s, by its parts.
+    """
 
     time: Floats
     _last_seen: dict[Hashable, float] = field(default_factory=dict)

@@ -243,6 +243,7 @@ class DropReader:
     gravity: m/s², into the plate.
     allowed: rebound speeds at the end that the target allows, m/s, one for each drop.
     reading: which energy the integrator keeps.
+    max_e: largest e so far. gains_below: highest speed so far, m/s, at which one gained energy.
     """
 
     timestep: float

@@ -337,6 +337,7 @@ class Impact:
     that there is nothing to report.
 
     speed_in, speed_out: at the touch plane.
+    duration: of the contact, s. penetration_max, m; force_max, N.
     speed_after_force: of a user's model, in the first state that the contact force no longer acts
     in, from where joints and servos act on until the bodies part; else NaN.
     """

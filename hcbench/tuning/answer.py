@@ -59,7 +59,8 @@ class Choice:
     max_error: the largest error of e over `speeds`, m/s.
     max_e: the largest e in that band and below.
     passivity: None where it was not measured.
-    needs: what a user's model must have.
+    rests: a body comes to rest on it.
+    needs: what a user's model must have. notes: sentences on it.
     promise: what `measure` will compare with.
     """
 
@@ -165,6 +166,7 @@ class Answer(Drawn):
     exist; `best` is what was asked for.
 
     asked: the kind; None for the first that the engine has.
+    never: settings that do not serve, and why.
     named: a setting that was asked for by its name, even one that fails.
     left_out: why the plug-in is not among the choices where it could not be compiled, and how to
     get it; or "".

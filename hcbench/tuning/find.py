@@ -164,6 +164,7 @@ class _Finder:
         self._max_error = max_error
         self.never: list[Never] = []
         self.left_out = ""
+        # The last setting's error, which the user sees where no other serves.
         self._refused: HcbenchError | None = None
         self._adapter = registry.engine(engine)
 

@@ -32,8 +32,8 @@ _PLACE = ("mass_kg", "stiffness", "exponent")
 
 
 class Question(NamedTuple):
-    """Engine, time step, gravity and α of a question: a ball on a plane, SI, with the friction that
-    two bodies of the engine have where nothing sets it.
+    """Engine, time step, s, gravity, m/s², and α, s/m, of a question: a ball on a plane, with the
+    friction that two bodies of the engine have where nothing sets it.
     """
 
     engine: str

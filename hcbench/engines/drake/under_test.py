@@ -55,6 +55,8 @@ class DrakeModel(ModelUnderTest):
     drake: the module pydrake.all. version: of Drake.
     source: one path or several.
     changes: what fixes have set, "timestep" (s) and "dissipation" (s/m); {} for the model as it is.
+    loaded: the plant. root, context: Drake's contexts of the diagram and, in it, of the plant.
+    place: of the pair at touch. others: names of what else touched the two.
 
     Raises UserError or SceneError with the reason where the pair cannot be measured.
     """

@@ -29,7 +29,10 @@ def _steps(models: Any, now: Any, count: Any) -> Any:
 
 
 class MjxWorlds:
-    """A class of MuJoCo's adapter, which makes the models, after this one makes them step at once."""
+    """Mixin that steps all worlds at once; the class after it, of MuJoCo's adapter, makes them.
+
+    made: MjModel and MjData of each world that is to be started.
+    """
 
     version = version("mujoco-mjx")
 

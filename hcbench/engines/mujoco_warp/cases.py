@@ -18,7 +18,11 @@ Stock: Any = MUJOCO["MujocoStock"]
 
 
 class WarpWorlds:
-    """A class of MuJoCo's adapter, which makes the models, after this one makes them step at once."""
+    """Mixin that steps all worlds at once; the class after it, of MuJoCo's adapter, makes them.
+
+    made: MjModel and MjData of each world that is to be started. worlds: those that are under way.
+    all, now: MuJoCo Warp's Model and Data of all of them. captured: the graph of one step.
+    """
 
     version = version("mujoco-warp")
 

@@ -20,6 +20,8 @@ GAINS = {
 
 
 class NewtonBodies:
+    """Bodies in one of Newton's solvers. gains: stiffness, m/h², and damping, m/h, by its name."""
+
     version = newton.__version__
     gains = GAINS
 

@@ -175,7 +175,7 @@ def _rate_after(free: Floats, spring: Floats, damper: Floats) -> Floats:
 class _Loops:
     """Loops of the law, (n,), SI.
 
-    v: rate at a step's end.
+    x, v: penetration, m, and its rate at a step's end, m/s. force: N.
     scale: of a force, to a share.
 
     The squares of all shares add up to the mean over the loops of the squared distance (rms).
@@ -241,6 +241,7 @@ class _Misfit:
     (n,), and in force over loops.
 
     Parameters are the logarithms of stiffnesses, dampings and distances between starts: 3 rows - 1.
+    wanted: e of the target at each launch, (n,).
     """
 
     launches: FittedImpacts

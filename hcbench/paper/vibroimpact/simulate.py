@@ -122,6 +122,7 @@ class _Batch:
         self.goal = np.full(count, NOTHING)
         self.low = np.zeros(count)
         self.high = np.zeros(count)
+        # Share of the system's size below which a speed or a distance is 0.
         self.rounding = max(1e-15, 1e-4 * system.tolerance)
 
     def try_steps(self, rows: Indices) -> None:

@@ -70,7 +70,8 @@ _OURS = "hcbench drop test "
 class _SensorColumns:
     """Columns of the sensors in MuJoCo's sensor data, of a spec to which `_add_sensors` added them.
 
-    centre, velocity: the first of three. floors: the first of four of each body that stands still:
+    centre, velocity: the first of three. potential, kinetic: energies, J.
+    floors: the first of four of each body that stands still:
     the force of its contacts with the robot in the world, N, then the least distance, m.
     actuators: one each.
     """
@@ -197,6 +198,7 @@ class DropBench:
         self._data = backend().MjData(self.model)
         self._columns = _SensorColumns.of(self.model)
         self._falls_by = falling_joint(self.model, root, self._over_floor.up)
+        # MuJoCo's full state at release, (nstate,).
         self._released: dict[RobotDrop, Floats] = {drop: self._release(drop) for drop in DROPS}
         self._height_at_touch = self._measured_height()
 

@@ -177,6 +177,7 @@ class _Bench:
         # Where the robot's free joint begins in qpos.
         self._address = int(model.jnt_qposadr[int(model.body_jntadr[root])])
         self.floor_geoms: set[int] = set()
+        # (robot's geom, floor's) of the pairs that a plug-in's law turns back by impulses.
         self._struck = self._pairs_of_impulses()
         # MuJoCo tells no contact force of an impulse. A step beside it, without contact, does.
         self._without_contact = WithoutContact(model) if self._struck else None

@@ -95,6 +95,7 @@ class OpenedModel(ModelUnderTest):
                 self.speed_reading = SpeedReading.STAGED_CROSSING
             else:
                 self.speed_reading = SpeedReading.CROSSING
+        # Launches that a simulation may hold at once.
         self.places = _PLACES if is_whole_state(model) else 1
         # Geoms that touched the two during an impact.
         self.others: set[int] = set()

@@ -171,6 +171,7 @@ class RowSearch:
         for part in range(_PARTS):
             for number, (states, control) in enumerate(starts):
                 self._launches.append((number, states[part::_PARTS], control))
+        # The pair at touch and at rest, under each attitude.
         self._laid = [self._start_states(model, [(0.0, 0.0)]) for model in opened]
 
     def _start_states(
@@ -211,6 +212,7 @@ class RowSearch:
         limits: costs from which rows are given up, (n,); the number returned is then above its
         limit, but not the whole cost.
         """
+        # A generation may have fewer members than there are models.
         for model, rows in zip(self._models, generation, strict=False):
             self._set_rows(model, rows)
         worst = np.zeros(len(generation))

@@ -82,7 +82,7 @@ class MujocoFlight:
         self._data = space.data
         self._seen = space.seen
         self._h = float(self._model.opt.timestep)
-        # Under RK4 a step is read once the one after it is known.
+        # True under RK4: then a step, `_last`, is read once the one after it is known.
         self._staged = space.free is not None
         self._last: _Step | None = None
         self._noise = _STAGE_NOISE
@@ -181,7 +181,7 @@ class MujocoFlight:
         motion along the plate, (8, n), None but for oblique launches).
 
         steps: most to take. after: how many more once the two have parted; None: all. MuJoCo's
-        fatal errors pass.
+        fatal errors pass. Under RK4 a step is read when the next one is known.
         """
         rows: list[_Step] = []
         while len(rows) < steps:

@@ -52,6 +52,7 @@ class SpeedShares:
         self._model = model
         self._sides = sides
         self._h = float(model.opt.timestep)
+        # M^-1 J^T: motion of each degree of freedom by a unit push along the normal.
         self._moved = np.empty((1, model.nv))
         # Generalised forces of four causes, and what each adds to the approach.
         self._forces = np.empty((4, model.nv))
@@ -77,7 +78,6 @@ class SpeedShares:
         others: True if there are contacts besides the pair's.
         """
         mujoco = backend()
-        # M^-1 J^T, the motion by a unit push along the normal.
         mujoco.mj_solveM(self._model, data, self._moved, row[None])
         moved = self._moved[0]
         forces = self._forces

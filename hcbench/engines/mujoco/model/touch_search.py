@@ -28,6 +28,7 @@ class TouchSearch:
 
     data: MjData, changed by the search; it begins apart from, or a little in, the other.
     move: (nv,), the velocity that approaches at 1 m/s, so that travels along it are in m.
+    start: (nq,), qpos before the search.
     """
 
     def __init__(self, pair: ContactPair, data: Any, move: Floats) -> None:

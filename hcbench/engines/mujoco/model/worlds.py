@@ -99,6 +99,7 @@ class PairWorlds(ContactFamily):
                 (number,) = explicit_pairs(self._model, geoms)
                 share = self._model.pair_solref[number] / np.where(asked, asked, 1.0)
                 self._numbers.append((len(self._numbers), number, share))
+        # The pair, by its place in `pairs`, of each <pair>.
         self._of_pair = np.repeat(np.arange(len(pairs)), [len(pair.geoms) for pair in pairs])
 
     def parameters(self, nominal: Floats, friction: Floats | None) -> dict[str, Floats]:

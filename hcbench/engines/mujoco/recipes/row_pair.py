@@ -57,9 +57,11 @@ class _Rows(NamedTuple):
     damping: Floats
     # b h of the damper: solref's damping over dmax
     damper: Floats
+    # solimp's largest impedance of the damper, 0 ... 1
     dmax: Floats
     # over v h
     width: Floats
+    # share of the width at which the sigmoid has its middle
     midpoint: Floats
     # (dmax - dmin)/midpoint^(power - 1), of the sigmoid up to its midpoint
     rise: Floats

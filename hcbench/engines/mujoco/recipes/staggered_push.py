@@ -287,6 +287,9 @@ def _fit_springs(samples: Samples, rows: PushingRows, springs: int) -> PushingRo
 class _LeastSquares:
     """The problem that `levenberg_marquardt` solves, in the parameters S of
     all rows and D of the dampers.
+
+    start: these, S first, of the rows to begin with. dampers: mask of the rows that have a D.
+    goal: values that `Samples.scaled` should have.
     """
 
     def __init__(self, samples: Samples, rows: PushingRows) -> None:

@@ -77,6 +77,7 @@ class _Table(OptionTable):
 class Options:
     """A setting's options, checked. None, no rows and no law: the model as authored.
 
+    cone, impratio: of MuJoCo's friction; None: its own.
     friction: Coulomb's μ of a force law, to paste; a scene has its own.
     corners: points at which a body of the scene meets the plate at once, each with these rows.
     """

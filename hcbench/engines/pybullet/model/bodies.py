@@ -107,7 +107,7 @@ class BulletBody:
         self.number = number
         self.joints = [bullet.getJointInfo(number, j) for j in range(bullet.getNumJoints(number))]
         base = bullet.getDynamicsInfo(number, -1)
-        # A fixed base has a mass of 0.
+        # Of the base, kg and kg m² along its axes. A fixed base has a mass of 0.
         self.mass = base[MASS]
         self.inertia = base[_INERTIA]
         can_bend = any(joint[JOINT_TYPE] != FIXED for joint in self.joints)
@@ -224,6 +224,7 @@ class JointTree:
     def __init__(self, body: BulletBody) -> None:
         """Read what does not change with the pose: inertias, joints' places, who carries whom."""
         self._body = body
+        # True where the pose changed since Jacobians and masses were worked out.
         self.outdated = True
         links = range(-1, len(body.joints))
         infos = [body.bullet.getDynamicsInfo(body.number, link) for link in links]
@@ -329,7 +330,7 @@ def _inverse(mass_matrix: Floats) -> Floats:
 @dataclass(frozen=True, slots=True)
 class ContactRow:
     """Response of two bodies to a unit force on the first at a contact,
-    and its opposite on the second.
+    and its opposite on the second; None for a body that cannot move.
     """
 
     bodies: tuple[BulletBody, BulletBody]

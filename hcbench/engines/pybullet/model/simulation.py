@@ -88,6 +88,7 @@ class BulletAlongPlate:
         self.slip = np.array([*launch.slip, 0.0])
         self.spin = np.array(launch.spin)
         self._clearance = clearance
+        # The slip is the first part's velocity less the second's.
         self._sides = [(1.0, place.first), (-1.0, place.second)]
         self._bodies = {part.body: BulletBody(bullet, part.body) for _, part in self._sides}
         # Position of the body at the last contact, and before this step.
@@ -233,12 +234,14 @@ class LaunchInUserWorld(Simulation):
         # Penetration now, m.
         self._x = -clearance
         self._touched = False
+        # Where the two met last, m in the world.
         self._point: Sequence[float] = place.point.tolist()
         self._normal = place.normal.tolist()
         self._along = None
         if launch.is_oblique:
             self._along = BulletAlongPlate(bullet, place, launch, along, clearance)
             self._along.send(launch.flight_time(self.timestep, gravity))
+        # Rate of the penetration before the next step, m/s.
         self._before = self._rate()
 
     def advance(self, steps: int) -> Record:

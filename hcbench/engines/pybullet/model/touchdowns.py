@@ -49,7 +49,10 @@ _Links = tuple[int, int, int, int]
 
 @dataclass(frozen=True, slots=True)
 class _Moving:
-    """A body that moves, in the order of PyBullet's numbers. joints: of its hinges and slides."""
+    """A body that moves, in the order of PyBullet's numbers.
+
+    body: its id. is_free: its base moves. joints: numbers of its hinges and slides.
+    """
 
     body: int
     is_free: bool

@@ -194,11 +194,11 @@ class PybulletModel(ModelUnderTest):
         self.request = request
         self.build = build
         self.bullet = world.bullet
+        self._copy: CopyOfWorld | None = None
+        # The user's own client gets back what it had.
         self._settings_before = self.bullet.getPhysicsEngineParameters()
         self._pose_before = {}
         self._bases_before = []
-        self._copy: CopyOfWorld | None = None
-        # The user's own client gets back what it had.
         if not world.disconnect:
             self._pose_before = joint_states(self.bullet)
             self._bases_before = base_states(self.bullet, request)
@@ -243,6 +243,7 @@ class PybulletModel(ModelUnderTest):
         )
 
     def _take(self, placed: _Placed) -> None:
+        """Hold what a request and its fixes made of the pair."""
         self.place = placed.place
         self.law = placed.law
         self._is_put_back_whole = placed.is_put_back_whole

@@ -284,6 +284,7 @@ class PybulletSimulation(Simulation):
         self._world = world
         self._reads_position = count == 1
         self._oblique = oblique
+        # Numbers of the launches that are still stepped.
         self._which = list(range(count))
         self._position = self._positions()
         self._motion = self._motions()
