@@ -155,8 +155,8 @@ class EngineConformance:
 
     @classmethod
     def pytest_generate_tests(cls, metafunc: pytest.Metafunc) -> None:
-        """Parametrize a test with the recipes and scenes of its claim; tests of one pair share
-        their impacts.
+        """Parametrize a test that `_claim` decorates with the recipes and scenes that meet its
+        conditions.
 
         If the engine is not installed, the class is one skip.
         """

@@ -319,7 +319,7 @@ def _begin(files: Files, described: Mapping[str, Any], wanted: set[str]) -> set[
     names = files.names()
     content = json_text(described)
     if DESCRIPTION in names:
-        difference = _difference(files.read(DESCRIPTION), content)
+        difference = _other_model_sweep(files.read(DESCRIPTION), content)
         if difference:
             got = f"{files.where} holds another sweep: {difference}"
             advice = "Take another folder, or what that sweep was begun with"
@@ -360,14 +360,17 @@ def _require_ours(files: Files, described: Mapping[str, Any]) -> None:
     """Raise CannotRun where another sweep began in the folder at the same moment as this one, and
     wrote its description last.
     """
-    difference = _difference(files.read(DESCRIPTION), json_text(described))
+    difference = _other_model_sweep(files.read(DESCRIPTION), json_text(described))
     if difference:
         got = f"{files.where} was taken by another sweep: {difference}"
         raise CannotRun("folder", got, "a folder for each sweep", "Take another folder")
 
 
-def _difference(there: bytes, here: str) -> str:
-    """The first difference between two descriptions, in words; "" for none."""
+def _other_model_sweep(there: bytes, here: str) -> str:
+    """The first difference between two sweeps of a model, in words; "" for none.
+
+    there, here: their descriptions as JSON: in the folder, which may be damaged, and as asked for.
+    """
     try:
         old = parse_json(there)
     except ValueError:

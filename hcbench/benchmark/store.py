@@ -414,7 +414,7 @@ class Store:
             self._write(DESCRIPTION, content)
             return
         # The content is written and read again, since JSON has no tuples.
-        difference = _difference(there, json.loads(content))
+        difference = _other_study(there, json.loads(content))
         if difference is not None:
             raise UserError(
                 "folder",
@@ -611,8 +611,8 @@ def _are_starts(starts: Any, parts: Any) -> bool:
     return starts == sorted(starts) and starts[0] == 0 and starts[-1] == parts and parts > 0
 
 
-def _difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
-    """Name the first difference between two sweeps, for an error; None if they are equal.
+def _other_study(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
+    """Name the first difference between two sweeps of a study, for an error; None without one.
 
     there, here: descriptions, plain values of JSON: of the folder, and of the plan.
     """

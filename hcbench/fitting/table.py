@@ -133,7 +133,10 @@ class Table:
         return np.asarray(self._scale(at, quantity) * np.nan_to_num(np.array(each)))
 
     def _read(self, at: int) -> list[NumberCell]:
-        """The cells of a column as numbers. Raises UserError for one that is none."""
+        """The cells of a column as numbers. Raises UserError for a cell that is not a number.
+
+        at: number of the column.
+        """
         found = []
         for cell, text, line in zip(self._cells(at), self.texts(at), self.lines, strict=True):
             if cell is None or math.isinf(cell.value) or math.isinf(cell.uncertainty):

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from functools import singledispatch
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -104,9 +104,11 @@ def html_of(result: Any) -> str:
 
     Raises TypeError for a type that no function below draws and describes.
     """
-    title, facts, paste = _words(result)
-    figure = draw(Drawing("figure", lambda: _figure(result), title))
-    return render("notebook.html", title=title, facts=facts, paste=paste, figure=figure)
+    words = _words(result)
+    figure = draw(Drawing("figure", lambda: _figure(result), words.title))
+    return render(
+        "notebook.html", title=words.title, facts=words.facts, paste=words.paste, figure=figure
+    )
 
 
 @singledispatch
@@ -114,9 +116,16 @@ def _figure(result: Any) -> Figure:
     raise TypeError(f"no figure of {type(result).__name__}")
 
 
+class _Words(NamedTuple):
+    """The text about a result. facts: by their names. paste: text for the user's model."""
+
+    title: str
+    facts: dict[str, str]
+    paste: str = ""
+
+
 @singledispatch
-def _words(result: Any) -> tuple[str, dict[str, str], str]:
-    """A title, facts by their names, and what to paste."""
+def _words(result: Any) -> _Words:
     raise TypeError(f"no words for {type(result).__name__}")
 
 
@@ -134,8 +143,9 @@ _figure.register(Measurement)(measurement_page.curve_figure)
 
 
 @_words.register
-def _(measurement: Measurement) -> tuple[str, dict[str, str], str]:
+def _(measurement: Measurement) -> _Words:
     """The pair, its e and the causes that were found; to paste are the corrections of these."""
+    # The last line, where the two meet, is left out.
     title, *where, _ = measurement.headline
     causes = wording.listed([cause.title for cause in measurement.causes])
     facts = {
@@ -143,7 +153,7 @@ def _(measurement: Measurement) -> tuple[str, dict[str, str], str]:
         "result": measurement_page.summary(measurement),
         "why": causes,
     }
-    return title, facts, "\n".join(cause.fix for cause in measurement.causes)
+    return _Words(title, facts, "\n".join(cause.fix for cause in measurement.causes))
 
 
 @_figure.register
@@ -179,7 +189,7 @@ def _(answer: Answer) -> Figure:
 
 
 @_words.register
-def _(answer: Answer) -> tuple[str, dict[str, str], str]:
+def _(answer: Answer) -> _Words:
     """The best choice, the others, and what to know of them; to paste is the best choice's text."""
     best = answer.best
     others = [choice.line for choice in answer.choices if choice is not best]
@@ -190,11 +200,12 @@ def _(answer: Answer) -> tuple[str, dict[str, str], str]:
         "needs": wording.listed(best.needs),
         "band": answer.band_note,
     }
-    return f"{wording.engine_title(answer.engine)}: {best.setting.name}", facts, best.text
+    title = f"{wording.engine_title(answer.engine)}: {best.setting.name}"
+    return _Words(title, facts, best.text)
 
 
 @_words.register
-def _(tuned: Tuned) -> tuple[str, dict[str, str], str]:
+def _(tuned: Tuned) -> _Words:
     """The setting, its largest error beside that of the best constant e, and how it rests."""
     target = tuned.target
     constant = wording.error(tuned.evaluation.constant_error)
@@ -211,8 +222,8 @@ def _(tuned: Tuned) -> tuple[str, dict[str, str], str]:
         "at rest": rests,
         "advice": " ".join(tuned.advice),
     }
-    engine = wording.engine_title(tuned.setting.engine)
-    return f"{engine}: {tuned.setting.name}", facts, snippet(tuned.setting, tuned.scene.form)
+    title = f"{wording.engine_title(tuned.setting.engine)}: {tuned.setting.name}"
+    return _Words(title, facts, snippet(tuned.setting, tuned.scene.form))
 
 
 @_figure.register
@@ -247,15 +258,19 @@ def _laws_figure(laws: Sequence[ImpactLaw], colours: Sequence[str]) -> Figure:
 
 
 @_words.register
-def _(laws: ImpactLaws) -> tuple[str, dict[str, str], str]:
+def _(laws: ImpactLaws) -> _Words:
     title, *lines = laws._lines()
-    return title, dict(line.split(": ", 1) for line in lines), ""
+    return _Words(title, dict(line.split(": ", 1) for line in lines))
 
 
 @_words.register
-def _(law: ImpactLaw) -> tuple[str, dict[str, str], str]:
+def _(law: ImpactLaw) -> _Words:
     title, *lines = law._lines()
-    return title, {line.partition(" at ")[2]: line.partition(" at ")[0] for line in lines}, ""
+    facts = {}
+    for line in lines:
+        e, _, speed = line.partition(" at ")
+        facts[speed] = e
+    return _Words(title, facts)
 
 
 @_figure.register
@@ -265,7 +280,7 @@ def _(results: Results) -> Figure:
 
 
 @_words.register
-def _(results: Results) -> tuple[str, dict[str, str], str]:
+def _(results: Results) -> _Words:
     """The study's title, its advice in short, and the versions that ran; nothing to paste."""
     view = views(results).main
     facts = {
@@ -273,4 +288,4 @@ def _(results: Results) -> tuple[str, dict[str, str], str]:
         "impacts": str(len(results.table)),
         "versions": ", ".join(f"{name} {number}" for name, number in results.versions.items()),
     }
-    return _text.sanitized(str(results.study["title"])), facts, ""
+    return _Words(_text.sanitized(str(results.study["title"])), facts)

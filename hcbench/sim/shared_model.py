@@ -124,7 +124,9 @@ class CopiesWorld(BatchWorld):
         self._at = [_HEIGHT, _RISING]
 
     def place(self, heights: Floats, velocities: Floats) -> Floats:
-        """New states."""
+        """Put the balls at heights, m, with velocities upwards, m/s; both as the engine then has
+        them, (2, b).
+        """
         states = np.tile(self._rest, (len(heights), 1))
         states[:, self._at] = np.stack([heights, velocities], axis=1)
         return self._copies.place(states)[:, self._at].T
@@ -155,18 +157,21 @@ class CopiesWorld(BatchWorld):
         return Impacts.joined(parts).take(np.argsort(np.concatenate(order)))
 
     def _read(self, launches: Launches) -> Reading:
-        """The reading of each launch, shape (b,); up to 1 in 8 of many launches may not have ended.
+        """The reading of each launch, shape (b,); the end of one that has not ended is 0.
 
         Steps a copy for each launch, and more of the last, to a batch size that was compiled
-        before.
+        before. Of many launches it stops once 7 in 8 have ended, or a few steps later.
         """
         count = len(launches)
-        unit = max(_WIDTH, 2 ** (len(launches).bit_length() - 4))
-        sent = launches.take(np.minimum(np.arange(-(-count // unit) * unit), count - 1))
-        placed = self.place(self.scene.touch_radius + sent.clearance(self.timestep), -sent.speed)
+        # Batches are a multiple of this: an eighth to a sixteenth of the launches, a power of 2.
+        unit = max(_WIDTH, 2 ** (count.bit_length() - 4))
+        padded = -(-count // unit) * unit
+        sent = launches.take(np.minimum(np.arange(padded), count - 1))
+        heights = self.scene.touch_radius + sent.clearance(self.timestep)
+        placed_heights, rising = self.place(heights, -sent.speed)
         kind = self._copies.kind
         rule = rule_for(sent, self.scene, self.timestep, self.bits, kind)
-        reading = begun(placed[0], placed[1], kind)
+        reading = begun(placed_heights, rising, kind)
         few = 0
         if len(sent) > _FEW * _WIDTH:
             few = len(sent) // _FEW

@@ -218,12 +218,12 @@ def _tuned(job: Job) -> TunedModel:
 
     wanted = job.wanted or _of_spring(job, requests, as_it_was)
     # Each pair as it can lie, with the attitude's name.
-    each: list[tuple[str, Request]] = []
+    attitudes: list[tuple[str, Request]] = []
     for request in requests:
-        each += engine.attitudes(source, request)
+        attitudes += engine.attitudes(source, request)
     before = engine.standing(source, None, requests)
     tries: list[_Try] = []
-    alike = [request for _, request in each]
+    alike = [request for _, request in attitudes]
     for setting in engine.model_settings(
         source, alike, wanted, before, rebuild, job.output.version
     ):
@@ -238,18 +238,18 @@ def _tuned(job: Job) -> TunedModel:
         pairs = None
         if error <= job.max_error and not worse:
             # Few launches may have missed the worst.
-            pairs = _measured(setting.open, each, wanted, held_out=True)
+            pairs = _measured(setting.open, attitudes, wanted, held_out=True)
             error = max(error, largest_error(pairs))
         tries.append(_Try(setting, after, error, worse, after.throws_up(before), pairs))
         if error <= job.max_error and not worse:
             break
-    untuned = _measured(as_it_was, each, wanted, held_out=False)
+    untuned = _measured(as_it_was, attitudes, wanted, held_out=False)
     as_it_is = ModelSetting(AS_IT_IS, (), as_it_was, lambda *_: Texts(""))
     stays = _Try(as_it_is, before, largest_error(untuned), 0, throws_up=False)
     order = _in_order(tries, stays, alike, wanted, job.max_error)
     limit = max(job.max_error, GAINS * largest_error(untuned))
     enough = min(job.max_error, MAX_ERROR)
-    best = _best(engine, requests, each, wanted, landed, limit, order, enough)
+    best = _best(engine, requests, attitudes, wanted, landed, limit, order, enough)
     setting = best.setting
     pairs = best.pairs or ()
     # A dict keeps each note once, in order.
@@ -297,7 +297,7 @@ def _in_order(
 def _best(
     engine: TunesModels,
     requests: Sequence[Request],
-    each: Sequence[tuple[str, Request]],
+    attitudes: Sequence[tuple[str, Request]],
     wanted: RestitutionCurve,
     landed: DropTest | None,
     limit: float,
@@ -307,8 +307,9 @@ def _best(
     """The first try, in order, with which a robot lands no worse, if its error is within a limit;
     else the first that bounces at all.
 
-    each: requests of the pairs in each attitude. landed: the robot as it is. enough: limit for the
-    model as it is. Raises EngineFailed where no launch has an e.
+    requests: one a pair. attitudes: of each pair as it can lie, with the attitude's name.
+    landed: the robot as it is; None where it is none. limit: error of e that is allowed; enough: of
+    the model as it is. order: the best first. Raises EngineFailed where no launch has an e.
     """
     # In order: what lands worse, then the first that lands no worse but is not near enough.
     others: list[_Try] = []
@@ -328,7 +329,7 @@ def _best(
             # More launches, which cost as much as a search, find no smaller error.
             others.append(tried)
             break
-        judged = _bouncing(tried, each, wanted)
+        judged = _bouncing(tried, attitudes, wanted)
         if judged is None:
             continue
         assert judged.pairs is not None
@@ -337,7 +338,7 @@ def _best(
         others.append(judged)
         break
     for tried in others:
-        judged = _bouncing(tried, each, wanted)
+        judged = _bouncing(tried, attitudes, wanted)
         if judged is not None:
             return judged
     got = f"launches with the setting {order[0].setting.name!r} gave no restitution"
@@ -347,10 +348,13 @@ def _best(
 
 
 def _bouncing(
-    tried: _Try, each: Sequence[tuple[str, Request]], wanted: RestitutionCurve
+    tried: _Try, attitudes: Sequence[tuple[str, Request]], wanted: RestitutionCurve
 ) -> _Try | None:
-    """The try with its pairs judged; None where a launch has no e."""
-    pairs = tried.pairs or _measured(tried.setting.open, each, wanted, held_out=True)
+    """The try with its pairs judged; None where a launch has no e.
+
+    attitudes: of each pair as it can lie, with the attitude's name.
+    """
+    pairs = tried.pairs or _measured(tried.setting.open, attitudes, wanted, held_out=True)
     if not all(math.isfinite(pair.max_error) for pair in pairs):
         return None
     return dataclasses.replace(tried, pairs=pairs)
@@ -445,13 +449,17 @@ def _lift(opened: Callable[[Request], ModelUnderTest], requests: Sequence[Reques
 
 def _measured(
     opened: Callable[[Request], ModelUnderTest],
-    each: Sequence[tuple[str, Request]],
+    attitudes: Sequence[tuple[str, Request]],
     wanted: RestitutionCurve,
     held_out: bool,
 ) -> tuple[TunedPair, ...]:
-    """Each pair in each attitude, at both ends of its band too; less finely where not held out."""
+    """Each pair in each attitude, at both ends of its band too; less finely where not held out.
+
+    opened: opens the model for a request. attitudes: of each pair as it can lie, with the
+    attitude's name.
+    """
     pairs = []
-    for attitude, request in each:
+    for attitude, request in attitudes:
         speeds = _speeds(request, held_out=True)
         if held_out:
             pair = _measured_pair(opened, request, speeds, _PHASES, wanted, _HALVINGS)

@@ -289,7 +289,11 @@ def _out_of_reach(job: _RandomizeJob, reached: list[Band], faults: list[str]) ->
 def _rise_in(
     family: ContactFamily, maps: _Maps, requests: Sequence[Request], job: _RandomizeJob
 ) -> float:
-    """Largest rise of e by sliding, at both ends of the band and with the most friction."""
+    """Largest rise of e by sliding, at both ends of the job's band of e and with its highest μ.
+
+    maps: tell the nominal e at which the family has an e of the band. Infinite where a launch has
+    no e.
+    """
     mu = None if job.friction is None else job.friction[1]
 
     def opened(e: float, request: Request) -> ModelUnderTest:

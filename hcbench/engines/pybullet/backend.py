@@ -40,8 +40,17 @@ POINT_B = 6
 NORMAL = 7
 DISTANCE = 8
 FORCE = 9
-# Place in getDynamicsInfo: kg, 0 of what cannot move.
+# Places in getDynamicsInfo: mass, kg, 0 of what cannot move; lateralFriction; inertia, kg m², about
+# the main axes; the frame of these axes in that of the link; restitution; contactStiffness, N/m;
+# and the kind of body.
 MASS = 0
+LATERAL_FRICTION = 1
+INERTIA = 2
+FRAME_POSITION = 3
+FRAME_QUATERNION = 4
+RESTITUTION = 5
+STIFFNESS = 9
+BODY_TYPE = 10
 # Bullet's own values of what outlives resetSimulation; contactBreakingThreshold, a global of the
 # process, outlives the client too. Every world made here starts with them.
 LASTING_SETTINGS = {"contactBreakingThreshold": 0.02, "numSubSteps": 0, "enableFileCaching": 0}

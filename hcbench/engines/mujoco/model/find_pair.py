@@ -474,7 +474,8 @@ def _rank(model: Any, geom: int) -> tuple[bool, int]:
 def _touching(model: Any) -> dict[_Geoms, list[str]]:
     """Names of the poses in which two geoms touch, by the two: qpos0 and the first keyframes.
 
-    Raises UserError for a keyframe with an impossible pose, as `start_pose` does.
+    An empty list stands for two that only come within their margin. Raises UserError for a keyframe
+    with an impossible pose, as `start_pose` does.
     """
     names_of: dict[_Geoms, list[str]] = {}
     poses = ["qpos0", *(str(i) for i in range(min(model.nkey, _POSES_MAX)))]

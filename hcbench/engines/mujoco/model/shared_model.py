@@ -218,6 +218,8 @@ class LentFlight(MujocoFlight):
         """Take MuJoCo's own step, for its forces, and then set the engine's state.
 
         data: MjData of the engine's state before; afterwards, of its next state that was handed in.
+        For the force it notes by how much the engine changed the velocities beyond MuJoCo, and the
+        speeds whose round-off may look like such a change, (nv,) each.
         """
         before = np.abs(data.qvel)
         super()._take_step(data)

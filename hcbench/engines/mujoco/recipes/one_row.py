@@ -109,7 +109,8 @@ def _way_in(work: Floats, damping: Floats, speeds: Floats) -> tuple[Whole, Float
     """(number of the interval in which each impact turns round, -1 where it goes through all; the
     share of that interval, 0 to 1, that it gets into); (population, speeds) each.
 
-    work, damping: elastic work and damping of each interval of depth, (population, intervals).
+    work, damping: of each interval of depth, (population, intervals), in the units of
+    `_work_and_damping`: speeds are over the highest of the band, per unit mass.
     speeds: at touch, over the highest of the band, (speeds,).
     """
     v = np.broadcast_to(speeds, (len(work), len(speeds))).copy()

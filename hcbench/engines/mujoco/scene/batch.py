@@ -49,12 +49,12 @@ def stays_on_axis(mujoco: Any, model: Any) -> bool:
     mujoco: the module. model: compiled, of one ball on a free joint, with contact through explicit
     <pair>s, tendon limits, or one pair of geoms.
     """
-    joint = model.jnt_bodyid[0]
-    geoms = np.flatnonzero(model.geom_bodyid == joint)
+    ball = model.jnt_bodyid[0]
+    geoms = np.flatnonzero(model.geom_bodyid == ball)
     plain = (
-        model.body_parentid[joint] == 0
-        and np.array_equal(model.body_quat[joint], [1.0, 0.0, 0.0, 0.0])
-        and not model.body_gravcomp[joint]
+        model.body_parentid[ball] == 0
+        and np.array_equal(model.body_quat[ball], [1.0, 0.0, 0.0, 0.0])
+        and not model.body_gravcomp[ball]
         and (model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_SPHERE).all()
         and not model.geom_pos[geoms].any()
         and not any((model.opt.wind.any(), model.opt.density, model.opt.viscosity))

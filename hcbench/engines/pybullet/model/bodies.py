@@ -14,7 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hcbench.engines.pybullet.backend import MASS, BulletClient
+from hcbench.engines.pybullet.backend import (
+    FRAME_POSITION,
+    FRAME_QUATERNION,
+    INERTIA,
+    MASS,
+    BulletClient,
+)
 from hcbench.terms.impact import Floats
 
 if TYPE_CHECKING:
@@ -66,12 +72,6 @@ JOINT_TYPE = 2
 LINK_NAME = 12
 AXIS = 13
 PARENT = 16
-# Places in getDynamicsInfo: inertia, kg m², about the main axes; and the frame of these axes in
-# that of the link.
-_INERTIA = 2
-_FRAME_POSITION = 3
-_FRAME_QUATERNION = 4
-BODY_TYPE = 10
 # Kinds of bodies: rigid bodies proper, which Bullet does not step as multibodies; and cloth.
 MAXIMAL_COORDINATES = 1
 SOFT_BODY = 3
@@ -109,7 +109,7 @@ class BulletBody:
         base = bullet.getDynamicsInfo(number, -1)
         # Of the base, kg and kg m² along its axes. A fixed base has a mass of 0.
         self.mass = base[MASS]
-        self.inertia = base[_INERTIA]
+        self.inertia = base[INERTIA]
         can_bend = any(joint[JOINT_TYPE] != FIXED for joint in self.joints)
         # A free body with fixed joints has more than one inertia: its tree adds them up.
         has_links = self.mass > 0.0 and bool(self.joints)
@@ -233,13 +233,13 @@ class JointTree:
         inertias = []
         for info in infos:
             mass = info[MASS]
-            inertias.append((mass, mass, mass, *info[_INERTIA]))
+            inertias.append((mass, mass, mass, *info[INERTIA]))
         self._inertia = np.sqrt(inertias)
         # Each joint's origin in its link's centre of mass frame, m.
         self._pivots = []
         for info in infos[1:]:
-            back = add_scaled(_ZERO, -1.0, info[_FRAME_POSITION])
-            self._pivots.append(rotate_inverse(info[_FRAME_QUATERNION], back))
+            back = add_scaled(_ZERO, -1.0, info[FRAME_POSITION])
+            self._pivots.append(rotate_inverse(info[FRAME_QUATERNION], back))
         # The joint of each degree of freedom; -1 for the base's.
         self._owners: list[int] = []
         if body.mass > 0.0:

@@ -13,12 +13,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.engines.pybullet.backend import LASTING_SETTINGS, UNCLIPPED, BulletClient
-from hcbench.engines.pybullet.model.bodies import (
+from hcbench.engines.pybullet.backend import (
     BODY_TYPE,
-    MAXIMAL_COORDINATES,
-    SlidingJoint,
+    LASTING_SETTINGS,
+    RESTITUTION,
+    STIFFNESS,
+    UNCLIPPED,
+    BulletClient,
 )
+from hcbench.engines.pybullet.model.bodies import MAXIMAL_COORDINATES, SlidingJoint
 from hcbench.engines.pybullet.model.open import BodyPart
 from hcbench.engines.pybullet.model.place import BulletPlacement
 from hcbench.laws.restitution import RestitutionCurve
@@ -36,9 +39,6 @@ if TYPE_CHECKING:
     from hcbench.terms.setting import Pair
 
 
-# Places in getDynamicsInfo.
-RESTITUTION = 5
-STIFFNESS = 9
 # Bullet's own restitutionVelocityThreshold, m/s.
 _THRESHOLD = 0.2
 # Bullet's own contactSlop, m.

@@ -200,18 +200,15 @@ class CopyOfWorld:
     A launch that flies off ends the copy, because Bullet takes bodies out of the simulation whose
     boxes are not finite, or larger than 1e6 m.
 
-    release: begins a launch in the world itself. prepare: called once, before all launches.
+    make_launches: makes, in the copy, what begins the launches there.
     """
 
-    def __init__(
-        self,
-        bullet: BulletClient,
-        release: Callable[[Launch], Simulation],
-        prepare: Callable[[], object],
-    ) -> None:
-        self._make = lambda: _Turns(bullet, release, prepare).advance
+    def __init__(self, make_launches: Callable[[], LaunchesInPlace]) -> None:
+        self._make_advance = lambda: make_launches().advance
+        # None until the first launch, and after one that flew off.
         self._child: _Child | None = None
         self._flew_off = False
+        # The launch that was released last, the only one that may be advanced.
         self._under_way: object = None
 
     def release(self, launch: Launch) -> Simulation:
@@ -225,7 +222,7 @@ class CopyOfWorld:
         if launch is not None and self._flew_off:
             self.close()
         if self._child is None:
-            self._child = _Child(self._make)
+            self._child = _Child(self._make_advance)
             self._flew_off = False
         record: Record = self._child.ask((launch, steps))
         self._flew_off |= not _is_near(record)
@@ -267,18 +264,16 @@ class _LaunchInCopy(Simulation):
         """Nothing: the next launch puts the world back."""
 
 
-class _Turns:
-    """Launches in the world of this process, one after the other."""
+class LaunchesInPlace:
+    """Launches in the world of this process, one after the other; each puts the world back.
 
-    def __init__(
-        self,
-        bullet: BulletClient,
-        release: Callable[[Launch], Simulation],
-        prepare: Callable[[], object],
-    ) -> None:
-        prepare()
+    release: begins a launch in the world.
+    """
+
+    def __init__(self, bullet: BulletClient, release: Callable[[Launch], Simulation]) -> None:
         self._bullet = bullet
         self._release = release
+        # None before the first launch.
         self._simulation: Simulation | None = None
 
     def advance(self, request: tuple[Launch | None, int]) -> Record:

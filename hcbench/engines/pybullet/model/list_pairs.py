@@ -10,9 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hcbench.engines.pybullet.backend import DISTANCE, NORMAL, POINT_A, POINT_B, BulletClient
-from hcbench.engines.pybullet.model.bodies import (
+from hcbench.engines.pybullet.backend import (
     BODY_TYPE,
+    DISTANCE,
+    LATERAL_FRICTION,
+    NORMAL,
+    POINT_A,
+    POINT_B,
+    RESTITUTION,
+    BulletClient,
+)
+from hcbench.engines.pybullet.model.bodies import (
     FIXED,
     JOINT_NAME,
     JOINT_TYPE,
@@ -46,7 +54,7 @@ _SHAPE = 2
 _BASE = 0
 _ROBOT = 1
 # Places in getDynamicsInfo.
-_DYNAMICS = {"lateralFriction": 1, "restitution": 5}
+_DYNAMICS = {"lateralFriction": LATERAL_FRICTION, "restitution": RESTITUTION}
 
 
 class _Link(NamedTuple):

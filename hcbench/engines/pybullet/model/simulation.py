@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hcbench.engines.pybullet import plugin
-from hcbench.engines.pybullet.backend import DISTANCE, FORCE, NORMAL, POINT_A, POINT_B, BulletClient
+from hcbench.engines.pybullet.backend import (
+    DISTANCE,
+    FORCE,
+    LATERAL_FRICTION,
+    NORMAL,
+    POINT_A,
+    POINT_B,
+    BulletClient,
+)
 from hcbench.engines.pybullet.model.bodies import BulletBody, FreeBase, dot, rotate_inverse
 from hcbench.engines.pybullet.model.place import BulletPlacement
 from hcbench.sim.model_under_test import Vector
@@ -27,8 +35,6 @@ if TYPE_CHECKING:
 
 # PyBullet: how a placed pair is sent along the plate, and what it does there.
 
-# Place of lateralFriction in getDynamicsInfo.
-_FRICTION = 1
 # Places in a contact point of a friction force, N, and its direction; there are two.
 FRICTIONS = ((10, 11), (12, 13))
 
@@ -39,7 +45,8 @@ _SLID = 1e-6
 def pair_friction(bullet: BulletClient, place: BulletPlacement) -> float:
     """Coulomb's μ of the pair: Bullet multiplies those of the two."""
     one, two = (
-        bullet.getDynamicsInfo(p.body, p.link)[_FRICTION] for p in (place.first, place.second)
+        bullet.getDynamicsInfo(p.body, p.link)[LATERAL_FRICTION]
+        for p in (place.first, place.second)
     )
     return float(one * two)
 

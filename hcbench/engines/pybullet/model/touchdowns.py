@@ -19,9 +19,10 @@ from hcbench.engines.pybullet.backend import (
     MASS,
     NORMAL,
     POINT_A,
+    RESTITUTION,
 )
 from hcbench.engines.pybullet.model.bodies import FIXED, JOINT_TYPE, PRISMATIC, REVOLUTE, BulletBody
-from hcbench.engines.pybullet.model.causes import RESTITUTION, promise_in
+from hcbench.engines.pybullet.model.causes import promise_in
 from hcbench.engines.pybullet.model.list_pairs import find_pair
 from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart
 from hcbench.sim.motion import NewTouches, RecordedMotion

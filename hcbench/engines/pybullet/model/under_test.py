@@ -15,9 +15,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hcbench.engines.pybullet import plugin
-from hcbench.engines.pybullet.backend import BACKEND
-from hcbench.engines.pybullet.model.bodies import (
+from hcbench.engines.pybullet.backend import (
+    BACKEND,
     BODY_TYPE,
+    INERTIA,
+    LATERAL_FRICTION,
+    MASS,
+    RESTITUTION,
+)
+from hcbench.engines.pybullet.model.bodies import (
     MAXIMAL_COORDINATES,
     FreeBase,
     mass_and_volumes,
@@ -37,6 +43,7 @@ from hcbench.engines.pybullet.model.causes import (
 from hcbench.engines.pybullet.model.in_child import (
     Answer,
     CopyOfWorld,
+    LaunchesInPlace,
     can_fork,
     keeps_nothing,
     release_aside,
@@ -88,9 +95,11 @@ if TYPE_CHECKING:
 # Refuses a world whose numbers no bouncing body has, as PyBullet read them.
 
 # Quantity, its place in getDynamicsInfo, and its unit.
-_CHECKED = (("mass", 0, "kg"), ("friction", 1, ""), ("restitution", 5, ""))
-# Place in getDynamicsInfo.
-_INERTIA = 2
+_CHECKED = (
+    ("mass", MASS, "kg"),
+    ("friction", LATERAL_FRICTION, ""),
+    ("restitution", RESTITUTION, ""),
+)
 # Places in getCollisionShapeData.
 _SHAPE = 2
 _SIZES = 3
@@ -126,8 +135,8 @@ def _require_plausible_part(bullet: BulletClient, side: BodyPart) -> None:
         if not value >= 0:
             raise SceneError(slot, f"{value:g}", "a number of 0 or more")
         require_bounds(slot, [value], quantity, unit)
-    if not all(value >= 0 for value in info[_INERTIA]):
-        raise SceneError(f"inertia of {side.name!r}", f"{info[_INERTIA]}", "numbers of 0 or more")
+    if not all(value >= 0 for value in info[INERTIA]):
+        raise SceneError(f"inertia of {side.name!r}", f"{info[INERTIA]}", "numbers of 0 or more")
     if info[BODY_TYPE] == MAXIMAL_COORDINATES:
         # PyBullet has no shapes to read of such bodies.
         return
@@ -136,8 +145,6 @@ def _require_plausible_part(bullet: BulletClient, side: BodyPart) -> None:
             require_bounds(f"size of {side.name!r}", shape[_SIZES], "length", "m", smallest=0.0)
 
 
-# Place in getDynamicsInfo.
-_MASS = 0
 _UNKNOWN_RESTITUTIONS = (
     "restitutions that PyBullet does not report for bodies with maximal coordinates"
 )
@@ -293,8 +300,8 @@ class PybulletModel(ModelUnderTest):
 
     def _falls_alone(self) -> bool:
         """Say whether gravity makes the two approach; it does not if both fall."""
-        first_mass = self.bullet.getDynamicsInfo(self.place.first.body, -1)[_MASS]
-        second_mass = self.bullet.getDynamicsInfo(self.place.second.body, -1)[_MASS]
+        first_mass = self.bullet.getDynamicsInfo(self.place.first.body, -1)[MASS]
+        second_mass = self.bullet.getDynamicsInfo(self.place.second.body, -1)[MASS]
         return isinstance(self.place.mover, FreeBase) and min(first_mass, second_mass) == 0.0
 
     def release(self, launches: Sequence[Launch]) -> Simulation:
@@ -314,9 +321,7 @@ class PybulletModel(ModelUnderTest):
                 )
                 raise UserError("launch", got, "launches along the normal")
         if self._is_put_back_whole:
-            self._copy = self._copy or CopyOfWorld(
-                self.bullet, lambda each: self._launched(each, None), self._make_fixes
-            )
+            self._copy = self._copy or CopyOfWorld(self._launches_in_copy)
             return self._copy.release(launch)
 
         def released() -> Simulation:
@@ -324,6 +329,10 @@ class PybulletModel(ModelUnderTest):
             return self._launched(launch, law_number)
 
         return release_aside(self.bullet, released)
+
+    def _launches_in_copy(self) -> LaunchesInPlace:
+        self._make_fixes()
+        return LaunchesInPlace(self.bullet, lambda launch: self._launched(launch, None))
 
     def _make_fixes(self) -> None:
         """Make what is not made in the world itself, in a copy of it: nothing."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from hcbench.engines.pybullet.backend import LATERAL_FRICTION, RESTITUTION
 from hcbench.engines.pybullet.model.causes import restitutions
 from hcbench.engines.pybullet.model.under_test import PybulletModel, loaded, require_plausible
 from hcbench.sim.capabilities import VariedContact
@@ -15,8 +16,11 @@ if TYPE_CHECKING:
 
     from hcbench.sim.model_under_test import Request
 
-# Places in getDynamicsInfo, by parameter, and the keywords of changeDynamics.
-_KEYWORDS = {"restitution": (5, "restitution"), "friction": (1, "lateralFriction")}
+# By parameter: its place in getDynamicsInfo, and its keyword of changeDynamics.
+_KEYWORDS = {
+    "restitution": (RESTITUTION, "restitution"),
+    "friction": (LATERAL_FRICTION, "lateralFriction"),
+}
 
 
 class VariedWorld(VariedContact):
@@ -57,15 +61,20 @@ class VariedWorld(VariedContact):
 
 
 def _set(model: PybulletModel, name: str, product: float) -> None:
-    """Give a pair the product of a number of its two bodies. Raises UserError for bodies with
-    maximal coordinates, whose numbers PyBullet does not report.
+    """Change the first body's restitution or friction so that its product with the second's is
+    `product`; a second's of 0 becomes 1.
+
+    name: a key of _KEYWORDS. Raises UserError for bodies with maximal coordinates, whose numbers
+    PyBullet does not report.
     """
-    place, bullet = model.place, model.bullet
-    number, keyword = _KEYWORDS[name]
-    if math.isnan(math.prod(restitutions(bullet, place))):
+    bullet = model.bullet
+    first = model.place.first
+    second = model.place.second
+    index, keyword = _KEYWORDS[name]
+    if math.isnan(math.prod(restitutions(bullet, model.place))):
         raise UserError("vary", f"{name} of bodies with maximal coordinates", "multibodies")
-    second = float(bullet.getDynamicsInfo(place.second.body, place.second.link)[number])
-    if second == 0.0:
-        second = 1.0
-        bullet.changeDynamics(place.second.body, place.second.link, **{keyword: second})
-    bullet.changeDynamics(place.first.body, place.first.link, **{keyword: product / second})
+    of_second = float(bullet.getDynamicsInfo(second.body, second.link)[index])
+    if of_second == 0.0:
+        of_second = 1.0
+        bullet.changeDynamics(second.body, second.link, **{keyword: of_second})
+    bullet.changeDynamics(first.body, first.link, **{keyword: product / of_second})
