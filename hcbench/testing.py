@@ -357,7 +357,7 @@ def _reading_of(scene: Scene, setting: Setting, fastest: float) -> SpeedReading:
 def _record_in(
     scene: Scene, setting: Setting, launches: Sequence[Launch], fastest: float, parts: Sequence[int]
 ) -> Floats:
-    """Penetration, rate and force of launches, advanced in parts of so many steps, shape (3, b, n).
+    """Penetration, rate and force of launches, advanced part by part, shape (3, b, n).
 
     fastest: speed at touch, m/s. parts: steps of each part.
     Launches share a world where it has places for several.

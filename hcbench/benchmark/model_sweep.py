@@ -151,7 +151,7 @@ def sweep_model(
     model, pair, engine, limit, launch: as `measure` takes them; the model is a file, MJCF text or
     "FILE.py:FUNCTION".
     vary: "NAME=VALUES" of each parameter, as `read_parameter` reads it.
-    samples, seed: draw so many rows at random; None: the grid.
+    samples: rows to draw at random, from `seed`; None: the grid.
     shard: "3/20" measures each 20th part, from the third on.
     part_rows: rows in a file.
     rest: whether to measure the pair at rest, too.

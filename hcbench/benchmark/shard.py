@@ -56,7 +56,7 @@ class Timeouts:
     each: float | None = None
 
     def limit(self, timestep: float, impacts: int) -> float:
-        """Time that a worker gets for so many impacts of a step, s."""
+        """Time, s, that a worker gets for `impacts` impacts with a step of `timestep` s."""
         each = 4.0 * max(1.0, 1e-6 / timestep) if self.each is None else self.each
         return self.start + each * impacts
 

@@ -433,7 +433,7 @@ class Store:
         Damaged: cut short, edited or under another's number, it or its loops. It
         is moved into the folder DAMAGED, so that it counts no more.
 
-        Raises UserError for a table that is none of these shards, OutputError where the folder
+        Raises UserError for a table that is not one of these shards, OutputError where the folder
         cannot be read or written.
         """
         for number, name in self._shards(count).items():
@@ -450,8 +450,8 @@ class Store:
     def shards(self, count: int) -> dict[int, str]:
         """The names of all of `count` shards, by number.
 
-        Raises UserError where one is missing or there twice, and for a table that is none of them;
-        OutputError where the folder cannot be read.
+        Raises UserError where a shard is missing or there twice, and for a table that is not one of
+        them; OutputError where the folder cannot be read.
         """
         shards = self._shards(count)
         if len(shards) < count:
@@ -477,8 +477,8 @@ class Store:
         """The names of the existing shards, by number.
 
         count: shards of the plan, numbered from 0. Bounces, and files that are not tables, are
-        passed over. Raises UserError for a table that is none of the shards, or one of them twice;
-        OutputError where the folder cannot be read.
+        passed over. Raises UserError for a table that is not one of the shards, and for a shard
+        that is there twice; OutputError where the folder cannot be read.
         """
         shards: dict[int, str] = {}
         with self._output_errors("a folder that can be read"):

@@ -160,9 +160,9 @@ class Study:
     train_height, m: settings that run under gravity are dropped from there and followed bounce
     after bounce until they rest; those at the step train_step, s, too, without having to.
     page: what is written of it; "field": all installed engines side by side.
-    missing: those that are not.
+    missing: engines of the study that are not installed.
     speed_unit: that its speeds are shown in, "in/s" or "m/s", as they were written.
-    left_out: of a preview, what of its study it has and what not, in words.
+    left_out: of a preview, which parts of its study it has and which it lacks, in words.
     device: that its engines compute on, in batches of any size; "" for each engine's own way.
     """
 

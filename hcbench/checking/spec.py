@@ -272,8 +272,8 @@ def _limits(options: CheckOptions) -> tuple[tuple[Limit, ...], DropPlan | None]:
 
     Without limits () and None; None for how to drop, too, where they are on a motion. Raises
     UserError for options of a drop or of a motion without limits, for both together, for a name
-    that has no limit and for a controller that is none; QuantityError for a limit, a height or a
-    tilt that is not such a quantity.
+    that has no limit and for an unknown controller; QuantityError for a limit, a height or a tilt
+    that is not such a quantity.
     """
     falls: dict[str, Any] = {name: options[name] for name in ("heights", "tilt", "controller")}
     given = {name: value for name, value in falls.items() if value is not None}

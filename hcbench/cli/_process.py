@@ -84,7 +84,7 @@ def wrap_stdio() -> None:
 def _wrap(stream: Any, required: bool) -> Any:
     """The same stream, checked, and with a way to write α where the terminal has none.
 
-    stream: standard output or error; one that is no TextIOWrapper is returned as it is. required:
+    stream: standard output or error; returned as it is unless it is a TextIOWrapper. required:
     whether a failed write to it is an error.
     """
     if not isinstance(stream, io.TextIOWrapper):

@@ -199,7 +199,8 @@ class QuantityType(click.types.StringParamType):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The quantity of a text, in SI: a float, or an array for several.
 
-        Raises QuantityError, which names the option, for a text that is none or outside the bounds.
+        Raises QuantityError, which names the option, for a text that is not a quantity or outside
+        the bounds.
         """
         from hcbench.terms import units
 

@@ -189,7 +189,7 @@ def read_excerpt(begin: Any, end: Any, touches: str | None) -> Excerpt:
     """The part of a recording that a user names: times, SI or with
     units, and touches such as "B2:14".
 
-    Raises QuantityError for a time that is none, and UserError for touches of another form.
+    Raises QuantityError for text that is not a time, and UserError for touches of another form.
     """
     first = 0.0
     if begin is not None:

@@ -331,7 +331,7 @@ def _inflected(word: str) -> set[str]:
 
 def _compound(word: str, least: int, languages: frozenset[str] | None = None) -> set[str] | None:
     """Meanings of a compound such as Rücksprunghöhe, of parts of `least` letters or more in one
-    language; None where it is none.
+    language; None unless it is a compound.
 
     languages: of the parts before this word; None for any. Long parts are tried first.
     """

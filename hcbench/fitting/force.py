@@ -300,7 +300,7 @@ def _half_width(force: Floats) -> int:
 
 
 def _smoothed(force: Floats, width: int) -> Floats:
-    """The force averaged over a tenth of so many samples, (n,)."""
+    """The force averaged over a tenth of `width` samples, (n,)."""
     from scipy.ndimage import uniform_filter1d
 
     return np.asarray(uniform_filter1d(force, max(1, width // 10), mode="nearest"))
@@ -428,7 +428,7 @@ def fit_loop(
 
 
 def _in_a_row(count: int) -> list[Floats]:
-    """Masks, (count,), of neighbours in a row of so many."""
+    """Masks, (count,) each, that cut a row of `count` into _GROUPS runs of neighbours."""
     place = np.arange(count) * _GROUPS // count
     return [np.asarray(place == k) for k in range(_GROUPS)]
 

@@ -435,7 +435,7 @@ def _all_bands(recording: Recording) -> FrequencyBand:
 
 
 def _mean_over(energy: Floats, samples: int) -> Floats:
-    """Mean energy of so many samples from each on, or before each where below 0: shape (n,).
+    """Mean energy of the `samples` samples from each on; before each if that is below 0; (n,).
 
     energy: sums from the start, (n + 1,).
     """

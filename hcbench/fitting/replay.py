@@ -139,7 +139,7 @@ def _made_up(scene: Replay, touches: TouchTimes) -> Replay:
     method.
 
     A contact of a plug-in lasts about a step, and the ball's hardly any time: at the α of the fit
-    each flight begins late. A larger α shortens the flights by as much.
+    each flight begins late. A larger α shortens the flights by the same time.
     The scene itself where its target is not an α, where it has bounces missing, and where no step
     is better.
     """

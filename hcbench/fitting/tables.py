@@ -234,7 +234,7 @@ def _is_total(cells: Sequence[str], above: Sequence[Sequence[str]]) -> bool:
 def _header(
     above: list[Row], body: list[Row], width: int
 ) -> tuple[tuple[tuple[str, str], ...], list[tuple[str, ...]]]:
-    """Names with units over rows of numbers, and the rows above that are none of it.
+    """Names with units over rows of numbers, and the rows above that are not part of the table.
 
     body: the rows of numbers; width: their cells. Names may have a row of units below them, a row
     of groups above them, as motion capture writes it, or be missing: then all are "".

@@ -346,7 +346,7 @@ def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
 
 def _between(impacts: Sequence[Impact]) -> list[Launch]:
     """Launches at phases half-way between neighbours whose e differ, the most different first; empty
-    once all is known, and where so many steps decide that chance moves e little.
+    once all is known, and where a contact takes so many steps that its phase hardly matters.
 
     impacts: of one speed and angle, in the order of their phases, one or more. The step after the
     last phase is that of the first again.

@@ -331,8 +331,8 @@ def _row(drop: Landing, name: str) -> tuple[str, ...]:
 
 
 def span(drop: Landing, name: str, scale: float, digits: int) -> str:
-    """The values of an attribute over all places of the touch in a step, times a scale: one number of
-    so many digits, or two of one digit less.
+    """The values of an attribute over all places of the touch in a step, times a scale: one number
+    with `digits` digits where they agree, else the lowest and highest with one digit less.
     """
     low, high = (scale * value for value in drop.over_phases(name))
     least, most = number(low, f".{digits - 1}f"), number(high, f".{digits - 1}f")

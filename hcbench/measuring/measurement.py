@@ -77,8 +77,8 @@ def Wanted(
 def read_points(points: Any) -> tuple[tuple[float, float], ...]:
     """Pairs of v, m/s, and e as floats.
 
-    points: pairs of a number or text with a unit, and a number. Raises QuantityError for a speed
-    that is none, UserError for anything but pairs.
+    points: pairs of a number or text with a unit, and a number. Raises QuantityError for text that
+    is not a speed, UserError for anything but pairs.
     """
     try:
         return tuple((units.parse(v, "speed", "points"), float(e)) for v, e in points)

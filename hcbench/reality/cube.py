@@ -318,8 +318,8 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
     """Tosses with number % 5 in `parts` that have a flight long enough to know their start, by
     number.
 
-    folder: of the original repository; None: the shipped tosses, without part 4. variant: what of
-    the data is left as published, one of VARIANTS. Raises UserError for a folder of anything else,
+    folder: of the original repository; None: the shipped tosses, without part 4. variant: the part
+    of the data that is left as published, one of VARIANTS. Raises UserError for a folder of anything else,
     and for a file that is not of a toss.
     """
     corrections = VARIANTS[variant]

@@ -43,7 +43,7 @@ class Cell:
     values: of its parameters, in the order in which the setting has them.
     parts: numbers of the parts of the set, see its TRAINING and VALIDATION.
     folder: of the original data; None for those that are shipped.
-    variant: of the data set: what of it is left as published, "" for nothing.
+    variant: of the data set: the part that is left as published, "" for nothing.
     """
 
     data: str

@@ -137,7 +137,7 @@ def evolve(
     random: np.random.Generator,
     towards_best: bool = False,
 ) -> Floats:
-    """Members, shape (n, k), after so many generations, the one with the least error first.
+    """Members, shape (n, k), after `generations`, the one with the least error first.
 
     errors: of members, (n, k), and limits, (n,), above which any number will do; gives (n,).
     members: the first generation.

@@ -399,10 +399,10 @@ def _drops(view: View) -> list[dict[str, Any]]:
 
 
 def digits(values: Iterable[float], count: int) -> list[float | None]:
-    """Numbers in so many digits, None for what is not finite."""
+    """Numbers rounded to `count` significant digits, None for what is not finite."""
     return [float(f"{v:.{count}g}") if math.isfinite(v) else None for v in values]
 
 
 def places(values: Iterable[float], count: int) -> list[float | None]:
-    """Numbers with so many decimals, None for what is not finite."""
+    """Numbers rounded to `count` decimals, None for what is not finite."""
     return [round(float(v), count) + 0.0 if math.isfinite(v) else None for v in values]

@@ -214,8 +214,8 @@ class RandomizesContacts(OpensModels):
         requests: Sequence[Request],
         rebuild: Callable[[], Any] | None = None,
     ) -> Iterable[ContactFamily]:
-        """Families of contacts for pairs of a user's own model, the ones whose e chance moves least
-        first.
+        """Families of contacts for pairs of a user's own model; first those whose e depends least
+        on where in a step a contact starts.
 
         source, rebuild: as in `open`. requests: one a pair.
         """

@@ -219,7 +219,7 @@ class Recorded:
     states: Floats
 
     def loop(self, row: int, start: int, count: int) -> Loop:
-        """The force loop of one launch: so many steps from `start` on, which is at time 0."""
+        """The force loop of one launch: `count` steps from `start` on, which is at time 0."""
         return Loop(self.time[:count], *self.states[:, row, start : start + count])
 
 

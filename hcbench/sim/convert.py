@@ -121,8 +121,8 @@ def _of_material(
     """(α, s/m, None, speed) or (None, e at the speed, speed) of a material; speeds are m/s.
 
     speed: as the user gave it, or None: then that of the source, which an α does not need.
-    Warns of a speed outside the material's range. Raises QuantityError for a speed that is none,
-    and UserError for a material without an α where neither the user nor the source states a speed.
+    Warns of a speed outside the material's range. QuantityError for text that is not a speed,
+    UserError for a material without an α where neither the user nor the source states a speed.
     """
     v = None if speed is None else units.parse(speed, "speed", "speed", above=0.0)
     if v is None and known.speeds is not None and known.target.alpha is None:

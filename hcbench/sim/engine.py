@@ -180,7 +180,7 @@ class Engine(ABC):
         return setting if self.oblique else None
 
     def with_corners(self, setting: Setting, corners: int) -> Setting:
-        """Return the setting as a body feels it that lands on so many points at once."""
+        """Return the setting for a body that lands on `corners` points at once."""
         return setting
 
     def script(self, scene: Scene, setting: Setting) -> str:

@@ -70,9 +70,10 @@ def rests(rest: Rest) -> bool:
 
 
 def borne(times: float, own: float, rows: Floats) -> BorneLoad:
-    """A load of so many times its own, N; without numbers where the contact's force is not that, or
-    does not stay.
+    """The load that a contact bears under `times` its force at rest; without numbers where the
+    contact's force is another, or does not stay.
 
+    own: force at rest, N.
     rows: (n, 2) of the last steps: force, N; penetration, m.
     """
     force, penetration = rows.mean(axis=0).tolist()

@@ -96,7 +96,7 @@ class Wrapped(HasPlugin, TunesModels):
         return self.adapter.oblique_setting(setting)
 
     def with_corners(self, setting: Setting, corners: int) -> Setting:
-        """Return the setting for bodies that land on so many points, as the adapter makes it."""
+        """Return the setting for a body that lands on `corners` points at once."""
         return self.adapter.with_corners(setting, corners)
 
     def accepts(self, source: Any) -> bool:

@@ -79,7 +79,7 @@ Options = TypeVar("Options", bound=ScriptOptions)
 
 class ScriptedEngine(SteppedEngine, Generic[Options]):
     """An engine whose ball on a plane is a script; `lines` writes it,
-    `paste` what of it a setting sets.
+    `paste` the part that a setting sets.
 
     table: of its settings' options.
     laws: those that it lets in from Python.
@@ -303,20 +303,20 @@ _FEWEST = 4.0
 
 
 def require_motion(scene: Scene, timestep: float, fastest: float, bits: int) -> None:
-    """Raises SettingError for a step so short that the ball, in numbers
-    of so many bits, does not move.
+    """Raise SettingError for a step so short that the ball does not move in numbers of `bits` bits.
+
+    timestep: s. fastest: highest speed, m/s.
     """
     require_motion_at(scene.touch_radius, timestep, fastest, bits)
 
 
 def unit_in_last_place(coordinate: float, bits: int) -> float:
-    """The distance, m, between a coordinate and the next that numbers of so many bits have."""
+    """The distance, m, between a coordinate and the next number of `bits` bits."""
     return float(np.spacing(abs(coordinate), dtype=f"f{bits // 8}"))
 
 
 def require_motion_at(coordinate: float, timestep: float, fastest: float, bits: int) -> None:
-    """Raise SettingError for a step so short that numbers of so many bits do not resolve the
-    motion.
+    """Raise SettingError for a step so short that numbers of `bits` bits do not resolve the motion.
 
     coordinate: of the body, m. timestep: s. fastest: highest speed, m/s.
     """
@@ -344,7 +344,7 @@ def law_text(law: PythonLaw | None, force: str, each: str) -> str:
 
 
 class BatchWorld(World):
-    """`places` copies of a world, always so many: those without a launch follow the last one's.
+    """`places` copies of a world, always all of them: those without a launch follow the last one's.
 
     bits: of the engine's numbers.
     """

@@ -122,7 +122,7 @@ def run_launches(
 ) -> Iterator[Impacts]:
     """Impacts of launches that are sorted by how long they take, in groups of the world's `places`.
 
-    places: at most so many together, 0 for as many as the world carries.
+    places: launches together at most, 0 for as many as the world carries.
     expected: steps of the first, after which each group tells the next; 0 where they have nothing
     in common.
     Groups come in the order of the launches. Raises SettingError, with the first group, for a
@@ -355,7 +355,7 @@ def _expected_steps(scene: Scene, timestep: float, launches: Launches) -> int:
 
 
 def _followed(name: str, scene: Scene, setting: Setting, launch: Launch, steps: int) -> Trajectory:
-    """The path of `trajectory` in this process: so many steps, NaN from where the engine gave up.
+    """The path of `trajectory` in this process: `steps` steps, NaN from where the engine gave up.
 
     name: of the engine. Raises what its `load` raises.
     """

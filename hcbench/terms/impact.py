@@ -245,7 +245,7 @@ class Trajectory:
         return f"{type(self).__name__} of {len(self.time)} states over {lasts:.4g} s"
 
     def thinned(self, most: int) -> Trajectory:
-        """A trajectory of at most so many steps, evenly chosen, both ends among them."""
+        """A trajectory of at most `most` steps, evenly chosen, both ends among them."""
         count = len(self.time)
         every = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
         return self._at(every)

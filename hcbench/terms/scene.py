@@ -293,7 +293,7 @@ def _scene(file: _File, folder: Path) -> Scene:
     """The scene that a file describes; values with units become SI.
 
     folder: of the scene, absolute, whose name the scene has. Raises SceneError for values that no
-    scene has and a missing model file, QuantityError for a stiffness that is none.
+    scene has and a missing model file, QuantityError for text that is not a stiffness.
     """
     ball = file.ball
     plate = file.plate

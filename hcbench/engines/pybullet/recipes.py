@@ -107,7 +107,7 @@ class FittedImpacts:
     def of(
         cls, target: Target, law: HuntCrossley, speeds: int, denser: float = 1.0
     ) -> FittedImpacts:
-        """Impacts that a fit looks at, at so many speeds over the target's band.
+        """Impacts that a fit looks at, at `speeds` speeds over the target's band.
 
         denser: factor on the number of phases of a step. The fit's step is the target's, but not
         finer than a share of the law's shortest contact.

@@ -231,7 +231,7 @@ class DropBench:
         """MuJoCo's full state of a drop at release, (nstate,).
 
         The phase of a drop raises it by that share of the way of one step at touch, so that the
-        touch is later by as much.
+        touch is later by that share of a step.
         """
         mujoco = backend()
         model = self.model

@@ -248,7 +248,7 @@ def _hold(one: OpenedModel, other: OpenedModel) -> float:
     takes; NaN where they cannot, and without friction.
 
     one, other: the pairs of the body with each finger. The fingers close without gravity, pushed
-    towards the body by as much as friction needs; then gravity pulls at it.
+    towards the body by the force that friction needs; then gravity pulls at the body.
     """
     model = one.model
     friction = one.facts().friction
@@ -444,7 +444,7 @@ def _push(opened: OpenedModel, data: Any, touch: _ForceAtTouch, force: Floats) -
 
 
 def _pressed(opened: OpenedModel, resting: Any, touch: _ForceAtTouch, times: float) -> BorneLoad:
-    """The pair under so many times its force at rest: force that the contact then bears, N, and its
+    """The pair under `times` its force at rest: force that the contact then bears, N, and its
     penetration, m, over the last steps.
 
     resting: MjData at rest, which stays as it is. touch: the contact in it.

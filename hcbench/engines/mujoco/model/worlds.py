@@ -143,8 +143,8 @@ class PairWorlds(ContactFamily):
 
 
 def families(source: Any, requests: Sequence[Request]) -> Iterator[PairWorlds]:
-    """Yield families of contacts for pairs of a user's model, the ones whose e chance moves least
-    first.
+    """Yield families of contacts for pairs of a user's model; first those whose e depends least on
+    where in a step a contact starts.
 
     source: a file, MJCF text or an MjSpec. requests: one a pair. A row of one step comes first
     where nothing slides and the integrator is not RK4; then springs, the softest and longest first.

@@ -160,7 +160,7 @@ def one_step(e: float, timestep: float) -> Rows:
 
 
 def spring_row(e: float, steps: int, load: Load, solimp: Solimp = SPRING_SOLIMP) -> ConstraintRow:
-    """One row with this e and a half period of so many steps, for the load.
+    """One row with this e and a half period of `steps` steps, for the load.
 
     solimp: of one impedance. Euler's steps are matched exactly, so the steps are whole; RK4 follows
     continuous time, in which the half period lasts as long.
@@ -278,7 +278,7 @@ def whole_text(spec: Any, folder: Path | None) -> str:
 def own_text(source: Any, folder: Path | None, lines: str) -> str:
     """Return the user's text, comments and includes and all, with more lines at its end.
 
-    source: as the user gave it; "" is returned for one that is no MJCF text.
+    source: as the user gave it; "" is returned unless it is MJCF text.
     folder: of the file that is to be written, from which its paths then lead; None: they stay.
     lines: XML for the end of <mujoco>.
 

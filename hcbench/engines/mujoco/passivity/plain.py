@@ -413,8 +413,8 @@ def drops(
 
 
 def rest_on_slope(contact: Contact, options: Stepping, degrees: float = 10.0) -> Rest:
-    """Rest of a ball that may not turn on a slope of so many degrees, held by friction: its drift,
-    depth and force.
+    """Rest of a ball that may not turn on a slope of `degrees`, held by friction: its drift, m/s,
+    depth, m, and force.
     """
     slides = ""
     for axis in ("1 0 0", "0 1 0", "0 0 1"):
@@ -426,8 +426,7 @@ def rest_on_slope(contact: Contact, options: Stepping, degrees: float = 10.0) ->
 
 
 def _rest(model: Any, seconds: float) -> Rest:
-    """Rest of the first body of a model, from its start at qpos0, over the last half of so many
-    seconds.
+    """Rest of the first body of a model, from its start at qpos0, over the last half of `seconds`.
 
     Depth is how far it sinks below the start, m; its drift is along x and y.
     """
@@ -469,8 +468,8 @@ def box_growth(contact: Contact, options: Stepping, attitude: str, speed: float)
 def _growth(model: Any, data: Any, seconds: float) -> float:
     """The largest energy of a later flight of the first body over that of an earlier one.
 
-    data: MjData at the start, in flight; stepped for so many seconds. Flights slower than
-    _SLOWEST g h count as that fast. Infinite where the state is not finite at the end.
+    data: MjData at the start, in flight; stepped for `seconds`. Flights slower than _SLOWEST g h
+    count as that fast. Infinite where the state is not finite at the end.
     """
     mujoco = backend()
     g = -model.opt.gravity[2]

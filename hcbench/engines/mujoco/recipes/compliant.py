@@ -137,11 +137,10 @@ def _launches(
     below: tuple[int, int],
     above: tuple[int, int] = (0, 0),
 ) -> tuple[Floats, Floats, Floats]:
-    """(speed over the highest, phase, e) of so many speeds and phases in,
-    below, above the band; (n,) each.
+    """(speed over the highest, phase, e) of launches in, below and above the band; (n,) each.
 
     curve: e over speed. speeds: lowest and highest of the band, m/s.
-    band, below, above: how many speeds and how many phases of each.
+    band, below, above: (number of speeds, number of phases of each) there.
 
     Outside of the band any e will do that gains no energy: NaN.
     """
@@ -157,9 +156,10 @@ def _launches(
 
 
 def _grid(lowest: float, highest: float, speeds: int, phases: int) -> tuple[Floats, Floats]:
-    """(speed, where in a step the contact starts) of so many speeds and phases each; (n,) each.
+    """(speed, where in a step the contact starts) of launches; (n,) each.
 
     lowest, highest: speeds, in any unit; evenly in log between them.
+    speeds: how many. phases: how many at each speed.
     At each speed other phases, so that few of them leave none out.
     """
     later = (np.arange(speeds) * _GOLDEN) % 1.0

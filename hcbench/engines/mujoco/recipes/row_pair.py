@@ -39,7 +39,10 @@ def short(number: float) -> float:
 
 
 def oscillator(steps: Any, damping: Any) -> tuple[Any, Any]:
-    """(K h², D h) of a spring and damper with a half period of so many Euler steps, for a D h."""
+    """(K h², D h) of a spring and damper with a half period of `steps` Euler steps.
+
+    damping: D h.
+    """
     c = 1.0 - damping
     return 1.0 + c - 2.0 * np.sqrt(c) * np.cos(np.pi / steps), damping
 

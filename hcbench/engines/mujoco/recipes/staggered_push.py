@@ -97,8 +97,7 @@ class Samples:
 
 
 def sample(band: Band, speeds: Floats, points: int) -> Samples:
-    """Samples of the band's law along its loops at impact speeds (m/s), with so many points a
-    branch.
+    """Samples of the band's law along its loops at impact speeds (m/s), with `points` a branch.
 
     Evenly in the angle of a sine, so dense where the body turns round; a loop is its way in, then
     its way out.

@@ -314,7 +314,7 @@ def restitution(
 
     rows: one or more, per unit mass. timestep: h, s.
     speeds: m/s, shape (n,).
-    phases: where in a step the contact starts, so many, evenly.
+    phases: number of places in a step where the contact starts, evenly.
     duration: of the contact at most, s. Without gravity.
     """
     phase = (np.arange(phases) + 0.5) / phases

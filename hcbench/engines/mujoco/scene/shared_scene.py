@@ -70,10 +70,10 @@ def differences(
     geoms: Sequence[int] = (),
     rows: Rows = (),
 ) -> list[Suspect]:
-    """Suspect the settings of a model that an engine, or its numbers of so many
-    bits, turns into another contact.
+    """Suspect the settings of a model that an engine, or the bits of its numbers, turn into another
+    contact.
 
-    bits: 32 or 64.
+    bits: of the engine's numbers, 32 or 64.
     geoms: whose <pair>s are looked at; (): all of the model.
     rows: (solref, solimp) of the contact; (): those of every <pair> and geom of the model.
     """

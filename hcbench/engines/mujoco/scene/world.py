@@ -87,7 +87,7 @@ class Workspace:
 
     @classmethod
     def of(cls, model: SceneModel, batch: BatchedModel, threads: int, room: int) -> Workspace:
-        """A workspace with room for so many bytes of states of each thread."""
+        """A workspace for `threads` threads, with `room` bytes for the states of each."""
         data = [model.mujoco.MjData(batch.model) for _ in range(threads)]
         return cls(batch, data, np.empty(threads * room // 8))
 
@@ -365,7 +365,7 @@ class BatchPool:
     threads: models that are stepped at once.
     sliding: balls in batches move on a slide along z, not freely.
     batches, free_workspaces: by number of balls.
-    unbatched: ball-steps until now that a model of so many balls would have had.
+    unbatched: by number of balls, the ball-steps until now that a model of them would have had.
     """
 
     model: SceneModel
@@ -427,8 +427,8 @@ class BatchPool:
         free.append(workspace)
 
     def is_worth_batching(self, size: int, ball_steps: int) -> bool:
-        """Say whether so many steps, with those before them, are worth
-        compiling a model of `size` balls for. Counts the steps.
+        """Say whether these steps, with those before them, are worth a model of `size` balls that
+        is to be compiled. Counts the steps.
 
         ball_steps: steps that are still to come, times the balls that take them.
         """

@@ -138,8 +138,9 @@ def _apply(bullet: BulletClient, calls: Sequence[Call]) -> None:
 def _fix_restitutions(
     sides: Sequence[BodyPart], values: Sequence[float]
 ) -> tuple[str, Callable[[BulletClient], None]]:
-    """A fix that sets the restitution of links; a spring of theirs stays, for it is a cause of its
-    own.
+    """A fix that sets the restitution of links; their springs stay, as a cause of their own.
+
+    values: of each side. Returns (text for the user, change of a client).
     """
     return _fix(*(Call({"restitution": e}, side) for side, e in zip(sides, values, strict=True)))
 

@@ -71,7 +71,7 @@ _NamedPart = tuple[str, str, tuple[int, int]]
 def list_pairs(world: LoadedWorld) -> list[CandidatePair]:
     """Every pair of links of two bodies, one of which moves; those that touch come first.
 
-    Soft bodies are left out: PyBullet tells no contact of theirs. Raises UserError for one file
+    Soft bodies are left out: PyBullet does not report their contacts. Raises UserError for one file
     alone, which has nothing to meet.
     """
     bullet = world.bullet

@@ -132,8 +132,8 @@ class _Resting:
                 )
 
     def pressed(self, times: float) -> BorneLoad:
-        """The pair under so many times its force at rest: force that the contact then bears, N, and
-        its penetration, m, over the last steps; NaN where it does not push.
+        """The pair under `times` its force at rest: force that the contact then bears, N, and its
+        penetration, m, over the last steps; NaN where it does not push.
         """
         touch = self.touch()
         if touch is None:

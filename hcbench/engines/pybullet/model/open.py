@@ -305,7 +305,7 @@ def _check_number(
     """Raise SceneError for a text that is not a number, or not one that is good.
 
     path, name: where it is. text: None where it is missing. expected: in words. is_good: called
-    with the number, NaN for a text that is none.
+    with the number, NaN for any other text.
     """
     try:
         value = float(text or "")

@@ -227,8 +227,8 @@ def snippet(setting: Setting, form: str = "plane", pair: Pair = PAIR) -> str:
 def script(scene: Scene, setting: Setting) -> str:
     """A Python script that drops the ball on a plane at several speeds, and prints e.
 
-    Raises SettingError for a cup, and for a setting that is none of
-    Bullet's own contact or a plug-in; CannotRun where the plug-in cannot be compiled.
+    Raises SettingError for a cup, and for a setting that is neither
+    Bullet's own contact nor a plug-in; CannotRun where the plug-in cannot be compiled.
     """
     if scene.form != "plane" or not {"world", "ball", "law"} & set(setting.options):
         given = f"pybullet {setting.name!r} in the form {scene.form!r}"
