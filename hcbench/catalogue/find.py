@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from difflib import SequenceMatcher
 from functools import cache
 from pathlib import Path
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 from hcbench.catalogue.material import KIND, LEVELS, MaterialPair
 from hcbench.system.errors import UserError
@@ -18,6 +18,10 @@ from hcbench.system.text import Shown, sanitized
 from hcbench.terms.arguments import checked
 from hcbench.terms.fields import validate
 from hcbench.terms.options import MaterialName
+
+if TYPE_CHECKING:
+    from hcbench.catalogue.material import MaterialPair
+
 
 FILE = Path(__file__).with_name("materials.json")
 # Other words for the same.
@@ -259,3 +263,23 @@ def as_text(found: Sequence[MaterialPair]) -> str:
         lines = [f"{row:<{width}}  {value}" for row, value in rows.items() if value]
         blocks.append("\n".join(lines))
     return "\n\n".join(blocks)
+
+
+# The material that a target is given by, for verbs that take it beside α and e.
+
+
+def target_material(name: MaterialName | None, **others: object) -> MaterialPair | None:
+    """The material that a target is given by; None without a name.
+
+    others: other ways to give a target, by the names of their options; None for one that is not
+    given. Raises UserError for one that is given too, and for a name or file as `find`.
+    """
+    if name is None:
+        return None
+    given = [option for option, value in others.items() if value is not None]
+    if given:
+        names = " and ".join(("--material", *(f"--{option}" for option in given)))
+        raise UserError("target", f"{names} are given", "one target")
+    # Imported here: most calls name no material, and Pydantic takes long to import.
+
+    return find(name)

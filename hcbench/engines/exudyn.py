@@ -10,10 +10,9 @@ from pydantic import Field
 
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.laws.force import HuntCrossley
-from hcbench.recipes.constant import minimax_constant, resolvable_law
 from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Recipe, Role, stock
-from hcbench.recipes.target import Target
+from hcbench.recipes.target import Target, minimax_constant, resolvable_law
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact, Feature, Features
 from hcbench.sim.read_impact import SpeedReading

@@ -11,10 +11,9 @@ from hcbench.laws import kelvin_voigt as kv
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.restitution import Restitution
-from hcbench.recipes.constant import contact_time, minimax_constant, one_way_spring_damper
 from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Role, on_a_plane, stock
-from hcbench.recipes.target import Target
+from hcbench.recipes.target import Target, contact_time, minimax_constant, one_way_spring_damper
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact, Feature, Features
 from hcbench.sim.scripted import ScriptedWorldsEngine, ScriptOptions

@@ -15,10 +15,9 @@ import hcbench
 from hcbench.laws import closed_form, coulomb, kelvin_voigt
 from hcbench.laws.force import HuntCrossley, KelvinVoigt
 from hcbench.laws.published import LAWS, TouchSpeedLaw, law_named
-from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.law_recipes import law_options, published_law_options, published_law_recipes
 from hcbench.recipes.recipe import Recipe, Role
-from hcbench.recipes.target import Target
+from hcbench.recipes.target import Target, minimax_constant
 from hcbench.sim.engine import Engine
 from hcbench.system.errors import SettingError
 from hcbench.terms.fields import read_numbers

@@ -15,9 +15,9 @@ import numpy as np
 
 from hcbench.measuring.curve import CurvePoint, curve_of
 from hcbench.sim import simulate
-from hcbench.sim.loads import Carried, LandingPeak
 from hcbench.sim.passivity import MOST_E
 from hcbench.sim.read_impact import SpeedReading
+from hcbench.sim.rest import Carried, LandingPeak
 from hcbench.system.errors import HcbenchError
 from hcbench.system.text import number, time_step
 from hcbench.terms.impact import Launch, Status

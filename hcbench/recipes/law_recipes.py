@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from hcbench.laws import closed_form
 from hcbench.laws.published import LAWS, PublishedLaw, TouchSpeedLaw
-from hcbench.recipes.constant import minimax_constant
 from hcbench.recipes.recipe import Recipe, Role, first
+from hcbench.recipes.target import minimax_constant
 from hcbench.system.errors import SettingError
 from hcbench.terms.resolution import STEPS_OF_A_LAW
 

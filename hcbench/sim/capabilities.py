@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from hcbench.laws.conventions import OneContact, Vocabulary
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.landing import DropPlan, DropTest, Landings, ReboundSettings
-    from hcbench.sim.loads import LandingPeak
     from hcbench.sim.model_under_test import (
         CandidatePair,
         ModelSetting,
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
         Request,
         Texts,
     )
+    from hcbench.sim.rest import LandingPeak
     from hcbench.sim.touch import TrajectoryTouchdowns
     from hcbench.terms.impact import Floats
 

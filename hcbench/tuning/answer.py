@@ -9,8 +9,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
-from hcbench.recipes.constant import minimax_constant
-from hcbench.recipes.target import why_cut
+from hcbench.recipes.target import minimax_constant, why_cut
 from hcbench.sim import registry
 from hcbench.system.errors import SettingError
 from hcbench.system.text import Drawn, time_step, two_digits

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from hcbench.catalogue.target import target_material
+from hcbench.catalogue.find import target_material
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.impact_law import read_adams, read_newton
 from hcbench.laws.restitution import Reading, RestitutionCurve
@@ -43,8 +43,7 @@ from hcbench.terms.options import (
 from hcbench.terms.scene import load_scene
 from hcbench.terms.setting import PAIR, Pair
 from hcbench.tuning.answer import MAX_ERROR, Answer, Kind
-from hcbench.tuning.choose import Match
-from hcbench.tuning.find import find_answer
+from hcbench.tuning.find import Match, find_answer
 from hcbench.tuning.model import LIMIT_S, Rebound, tune_job
 from hcbench.tuning.tuned_model import AS_IT_IS, TunedModel
 

@@ -12,8 +12,7 @@ import numpy as np
 from hcbench import scoring
 from hcbench.laws import closed_form
 from hcbench.laws.coulomb import friction_impulse
-from hcbench.recipes.constant import minimax_constant
-from hcbench.recipes.target import Target
+from hcbench.recipes.target import Target, minimax_constant
 from hcbench.sim import registry
 from hcbench.sim.engine import Engine, SteppedEngine
 from hcbench.sim.remote import adapter_of

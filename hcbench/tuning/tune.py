@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from hcbench.recipes.target import Target
     from hcbench.terms.scene import Scene
-    from hcbench.tuning.choose import Match
+    from hcbench.tuning.find import Match
     from hcbench.tuning.tuned import Tuned
 
 __all__ = ["MAX_ERROR", "tune"]

@@ -18,8 +18,7 @@ from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.published import LAWS, PublishedLaw
 from hcbench.measuring import measure
-from hcbench.recipes.constant import minimax_constant
-from hcbench.recipes.target import Target
+from hcbench.recipes.target import Target, minimax_constant
 from hcbench.sim import registry
 from hcbench.system.errors import SettingError, UserError
 from hcbench.terms.impact import Launch

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hcbench.measuring import measure
-from hcbench.sim.density import unit_notes
+from hcbench.sim.model_under_test import unit_notes
 from hcbench.system.errors import QuantityError
 
 BALL = """<mujoco><option timestep="1e-3" gravity="0 0 {gravity}"/><worldbody>

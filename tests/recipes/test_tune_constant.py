@@ -16,9 +16,14 @@ from hcbench.engines.pybullet.recipes import RESTITUTION
 from hcbench.engines.pybullet.recipes import SPRING_DAMPER as BULLET_SPRING_DAMPER
 from hcbench.laws.closed_form import duration
 from hcbench.laws.force import HuntCrossley
-from hcbench.recipes.constant import contact_time, minimax_constant, resolvable_law, spring_damper
 from hcbench.recipes.recipe import Recipe
-from hcbench.recipes.target import Target
+from hcbench.recipes.target import (
+    Target,
+    contact_time,
+    minimax_constant,
+    resolvable_law,
+    spring_damper_rates,
+)
 from hcbench.system.errors import SettingError
 
 SPEEDS = np.array([1.0, 1.9, 4.7, 11.0, 20.0]) * INCH
@@ -105,7 +110,7 @@ def test_spring_damper_has_the_constant_at_every_speed(timestep: float, integrat
 
 @pytest.mark.parametrize("e", [0.14, 0.5, 0.9, 0.999])
 def test_the_closed_form_of_a_contact_that_only_pushes(e: float) -> None:
-    beta, omega = spring_damper(e, 1.0, "impulse")
+    beta, omega = spring_damper_rates(e, 1.0, "impulse")
     t = np.linspace(0.0, 1.0, 200_001)
     x = np.exp(-beta * t) * np.sin(omega * t) / omega
     v = np.exp(-beta * t) * (np.cos(omega * t) - beta / omega * np.sin(omega * t))

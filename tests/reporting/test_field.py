@@ -19,8 +19,7 @@ from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import find_study, load_study, study_from
 from hcbench.cases.score import measured
 from hcbench.laws.force import HuntCrossley
-from hcbench.recipes.constant import minimax_constant
-from hcbench.recipes.target import Target
+from hcbench.recipes.target import Target, minimax_constant
 from hcbench.reporting import wording
 from hcbench.reporting.build import build
 from hcbench.reporting.field.cells import COLUMNS, FEATURES, GRADES, case_table, features, rows

@@ -91,7 +91,7 @@ MUTANTS = (
         ("tests/laws/test_simultaneous_impacts.py",),
     ),
     Mutant(
-        "scoring/tally.py",
+        "scoring.py",
         "loop_area",
         "(gone - float(x[-1]))",
         "(gone + float(x[-1]))",
@@ -99,7 +99,7 @@ MUTANTS = (
         ("tests/scoring",),
     ),
     Mutant(
-        "scoring/tally.py",
+        "scoring.py",
         "_furthest",
         "return abs(math.log(ratio)) if",
         "return math.log(ratio) if",
@@ -115,7 +115,7 @@ MUTANTS = (
         ("tests/recipes/test_band.py",),
     ),
     Mutant(
-        "recipes/constant.py",
+        "recipes/target.py",
         "resolvable_law",
         "** (target.law.exponent + 1.0)",
         "** (target.law.exponent - 1.0)",
@@ -202,7 +202,7 @@ MUTANTS = (
         ("tests/tuning/test_evaluate.py",),
     ),
     Mutant(
-        "tuning/choose.py",
+        "tuning/find.py",
         "candidates",
         "recipe.steps_min_with_gravity > steps",
         "recipe.steps_min_with_gravity < steps",

@@ -20,8 +20,8 @@ from hcbench.sim import registry
 from hcbench.sim.rest import DIVERGED, Rest
 from hcbench.system.errors import SettingError, UserError
 from hcbench.terms.scene import load_scene
-from hcbench.tuning.choose import Match, candidates
 from hcbench.tuning.evaluate import held_out_launches
+from hcbench.tuning.find import Match, candidates
 from hcbench.tuning.model import snippet
 from hcbench.tuning.tune import tune
 
@@ -81,7 +81,7 @@ CHOOSE = """
 import sys
 from hcbench.laws.force import HuntCrossley
 from hcbench.terms.scene import load_scene
-from hcbench.tuning.choose import candidates
+from hcbench.tuning.find import candidates
 from hcbench.recipes.target import Target
 
 scene, alpha, timestep, match = load_scene("steel-plane"), *sys.argv[1:]

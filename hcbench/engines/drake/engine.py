@@ -10,10 +10,9 @@ from pydantic import Field
 from hcbench.engines.drake.under_test import OpensFiles
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.laws.force import HuntCrossley
-from hcbench.recipes import constant
 from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Role, on_a_plane, stock
-from hcbench.recipes.target import Target
+from hcbench.recipes.target import Target, contact_time, implicit_spring_damper
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact, Feature, Features
 from hcbench.sim.read_impact import SpeedReading
@@ -222,9 +221,7 @@ def discrete(target: Target) -> dict[str, Any]:
 
 def spring_damper(target: Target) -> dict[str, Any]:
     """One e for all speeds: `sap` damps by c = k τ, τ the sum of the relaxation times."""
-    stiffness, damping = constant.implicit_spring_damper(
-        target, constant.contact_time(target), "continuous"
-    )
+    stiffness, damping = implicit_spring_damper(target, contact_time(target), "continuous")
     pair = {"point_stiffness": 2.0 * stiffness, "relaxation_time": 0.5 * damping / stiffness}
     return {"approximation": "sap", **pair}
 

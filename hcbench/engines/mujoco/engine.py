@@ -52,10 +52,10 @@ if TYPE_CHECKING:
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.capabilities import ContactFamily, VariedContact
     from hcbench.sim.landing import DropPlan, DropTest, Landings, ReboundSettings
-    from hcbench.sim.loads import LandingPeak
     from hcbench.sim.model_under_test import CandidatePair, ModelSetting, Request
     from hcbench.sim.passivity import LongestTrain, Passivity
     from hcbench.sim.promise import Promise
+    from hcbench.sim.rest import LandingPeak
     from hcbench.sim.touch import TrajectoryTouchdowns
     from hcbench.terms.impact import Floats
     from hcbench.terms.scene import Scene

@@ -11,11 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.laws import closed_form
-from hcbench.recipes import constant
-from hcbench.recipes.constant import minimax_constant, resolvable_law
 from hcbench.recipes.law_recipes import exact_above, plug_in_recipes
 from hcbench.recipes.recipe import Recipe, Role, Search, map_result, stock
-from hcbench.recipes.target import Target
+from hcbench.recipes.target import (
+    Target,
+    contact_time,
+    implicit_spring_damper,
+    minimax_constant,
+    resolvable_law,
+)
 from hcbench.terms.resolution import STEPS_OF_A_LOOP
 
 if TYPE_CHECKING:
@@ -400,8 +404,8 @@ def spring_damper(target: Target) -> dict[str, Any]:
     F = max(0, k (x + h v+) + c v+), with the best constant e of the band. Raises SettingError for
     e = 1.
     """
-    duration = constant.contact_time(target)
-    stiffness, damping = constant.implicit_spring_damper(target, duration, "restitution")
+    duration = contact_time(target)
+    stiffness, damping = implicit_spring_damper(target, duration, "restitution")
     return {
         "world": WORLD,
         "ball": {**BALL, "contactStiffness": stiffness, "contactDamping": damping},

@@ -17,8 +17,7 @@ from hcbench.engines.pybullet.recipes import Contacts, FittedImpacts, fit_contac
 from hcbench.engines.pybullet.scene.options import read_options
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.recipes.constant import minimax_constant
-from hcbench.recipes.target import Target
+from hcbench.recipes.target import Target, minimax_constant
 from hcbench.scoring import score_loop
 from hcbench.sim import registry
 from hcbench.system.errors import SceneError, SettingError

@@ -12,8 +12,7 @@ from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, pasted, simulated
 from hcbench.engines.mujoco.recipes.one_row import SOFT, largest_power
 from hcbench.engines.mujoco.scene.rows import impedance
 from hcbench.laws.force import HuntCrossley
-from hcbench.recipes.constant import minimax_constant
-from hcbench.recipes.target import Target
+from hcbench.recipes.target import Target, minimax_constant
 from hcbench.system.errors import SettingError
 
 HELD_OUT = np.array([1.0, 1.37, 3.3, 8.0, 20.0]) * INCH

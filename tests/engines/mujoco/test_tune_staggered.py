@@ -14,8 +14,7 @@ from plain_mujoco import INCH, STEEL_MASS, STEEL_STIFFNESS, Flight, pasted, simu
 from hcbench.engines.mujoco.recipes.staggered import STAGGERED, staggered_rows
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.recipes.constant import resolvable_law
-from hcbench.recipes.target import Target
+from hcbench.recipes.target import Target, resolvable_law
 from hcbench.system.errors import SettingError
 from hcbench.terms.resolution import STEPS_OF_A_SOFTENED
 

@@ -41,7 +41,7 @@ from hcbench.sim.landing import (
     RobotDrop,
     drop_test,
 )
-from hcbench.sim.loads import LandingPeak
+from hcbench.sim.rest import LandingPeak
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -25,7 +25,6 @@ from hcbench.engines.mujoco.model.over_floor import Drive, OverFloor, drive_of, 
 from hcbench.engines.mujoco.model.pair import WithoutContact, restitution_law
 from hcbench.engines.mujoco.model.promises import broken_promise, promise_in
 from hcbench.engines.mujoco.model.start_pose import require_quaternions, start_pose
-from hcbench.sim.density import unit_notes
 from hcbench.sim.landing import (
     WINDOW_S,
     DropPlan,
@@ -37,9 +36,15 @@ from hcbench.sim.landing import (
     raised_for,
     take_off_speed,
 )
-from hcbench.sim.model_under_test import Request
-from hcbench.sim.motion import NewTouches, RecordedMotion
-from hcbench.sim.touch import ANY_SPEED, Touchdown, Touchdowns, TrajectoryTouchdowns
+from hcbench.sim.model_under_test import Request, unit_notes
+from hcbench.sim.touch import (
+    ANY_SPEED,
+    NewTouches,
+    RecordedMotion,
+    Touchdown,
+    Touchdowns,
+    TrajectoryTouchdowns,
+)
 from hcbench.system.errors import EngineFailed, UserError
 from hcbench.terms.impact import Floats
 

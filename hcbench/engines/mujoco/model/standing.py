@@ -16,7 +16,8 @@ from hcbench.engines.mujoco.backend import backend, captured_warnings
 from hcbench.engines.mujoco.model.bodies import effective_mass
 from hcbench.engines.mujoco.model.pair import BOTH_SIDES
 from hcbench.engines.mujoco.model.pair_reader import MujocoAlongPlate
-from hcbench.sim.loads import (
+from hcbench.sim.rest import (
+    DIVERGED,
     LAST,
     LOADS,
     PRESSED_S,
@@ -24,13 +25,15 @@ from hcbench.sim.loads import (
     PUSHED_STEPS,
     BorneLoad,
     Carried,
+    Rest,
+    Standing,
     borne,
     creep_of,
     push_of,
+    rest_of,
     rests,
     slope_of,
 )
-from hcbench.sim.rest import DIVERGED, Rest, Standing, rest_of
 from hcbench.system.errors import UserError
 from hcbench.terms.impact import Launch
 from hcbench.terms.units import STANDARD_GRAVITY

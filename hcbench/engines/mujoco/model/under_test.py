@@ -31,16 +31,14 @@ from hcbench.engines.mujoco.model.standing import carried_by, rest_of_pair
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.diagnose import other_contacts
 from hcbench.sim import simulate
-from hcbench.sim.density import unit_notes
-from hcbench.sim.model_under_test import Facts, Suspect
+from hcbench.sim.model_under_test import Facts, Suspect, unit_notes
 from hcbench.sim.promise import Promise
 from hcbench.sim.shared_model import LendsSteps
 from hcbench.sim.touch import overlap_notes
 from hcbench.terms.impact import Impact, Launch
 
 if TYPE_CHECKING:
-    from hcbench.sim.loads import Carried
-    from hcbench.sim.rest import Rest
+    from hcbench.sim.rest import Carried, Rest
     from hcbench.sim.shared_model import SharedModelEngine
 
 # Last part of the approach, in sizes of the smaller body, over which a distance is compared with

@@ -22,9 +22,8 @@ from hcbench.engines.mujoco.scene.rows import (
     ConstraintRow,
     impedance,
 )
-from hcbench.recipes import constant
 from hcbench.recipes.recipe import Integrators, Recipe, Role, Search, map_result
-from hcbench.recipes.target import Target
+from hcbench.recipes.target import Target, contact_time, minimax_constant, spring_damper_rates
 from hcbench.sim.columns import Whole
 from hcbench.system.errors import SettingError
 from hcbench.terms.impact import Floats
@@ -285,7 +284,7 @@ def impulse(target: Target, integrator: str = "Euler", spring: float = 0.0) -> d
     every phase. A K above 0 lifts a body at rest out of the slow creep that the missing 1 - d
     allows, to a depth of 1e-4 g / K, at the price of up to K h² / 2 in e.
     """
-    e, _ = constant.minimax_constant(target)
+    e, _ = minimax_constant(target)
     h = target.timestep
     # A step finds the ball 0 ... v h deep: half of K h takes the spring's mean effect on e out.
     damping = (1 + e) / h - spring * h / 2
@@ -326,8 +325,8 @@ def spring_damper(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     (S/d x + D v) has the poles exp((-β ± i ω) h) of the wanted motion exactly, so the step does not
     shift e or the contact time to first order.
     """
-    e, _ = constant.minimax_constant(target)
-    beta, omega = constant.spring_damper(e, constant.contact_time(target), "impulse")
+    e, _ = minimax_constant(target)
+    beta, omega = spring_damper_rates(e, contact_time(target), "impulse")
     h = target.timestep
     if integrator == "RK4":
         spring = omega**2 + beta**2

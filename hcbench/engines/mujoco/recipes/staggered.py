@@ -25,9 +25,8 @@ from hcbench.engines.mujoco.recipes.common import (
 from hcbench.engines.mujoco.scene.rows import MAX_IMPEDANCE, MIN_IMPEDANCE, ConstraintRow, weight
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.recipes.constant import resolvable_law
 from hcbench.recipes.recipe import Recipe, Role
-from hcbench.recipes.target import Target
+from hcbench.recipes.target import Target, resolvable_law
 from hcbench.system.errors import SettingError
 from hcbench.terms.impact import Floats
 from hcbench.terms.resolution import STEPS_OF_A_LOOP

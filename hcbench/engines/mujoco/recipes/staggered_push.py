@@ -31,9 +31,8 @@ from hcbench.engines.mujoco.scene.rows import (
     restitution,
 )
 from hcbench.laws import closed_form
-from hcbench.recipes.constant import resolvable_law
 from hcbench.recipes.recipe import Recipe, Role, Search
-from hcbench.recipes.target import Target
+from hcbench.recipes.target import Target, resolvable_law
 from hcbench.system.errors import SettingError
 from hcbench.terms.resolution import STEPS_OF_A_LOOP
 

@@ -21,9 +21,8 @@ from hcbench.engines.mujoco.scene.rows import (
     restitution,
 )
 from hcbench.laws import closed_form
-from hcbench.recipes.constant import contact_time
 from hcbench.recipes.recipe import Recipe, Role, Search, map_result
-from hcbench.recipes.target import Target
+from hcbench.recipes.target import Target, contact_time
 from hcbench.system.errors import SettingError
 from hcbench.terms.impact import Floats
 from hcbench.terms.resolution import STEPS_OF_A_FITTED_SPRING

@@ -25,7 +25,6 @@ from hcbench.engines.pybullet.model.bodies import (
 )
 from hcbench.engines.pybullet.model.in_child import can_fork, run_aside
 from hcbench.engines.pybullet.model.open import set_pose
-from hcbench.sim.density import unit_notes
 from hcbench.sim.landing import (
     WINDOW_S,
     DropPlan,
@@ -37,6 +36,7 @@ from hcbench.sim.landing import (
     raised_for,
     take_off_speed,
 )
+from hcbench.sim.model_under_test import unit_notes
 from hcbench.sim.touch import travel_by_distance
 from hcbench.system.errors import EngineFailed, UserError
 from hcbench.terms import units

@@ -13,20 +13,24 @@ import numpy as np
 from hcbench.engines.pybullet.backend import DISTANCE, FORCE, POINT_A, POINT_B
 from hcbench.engines.pybullet.model.bodies import BulletBody
 from hcbench.engines.pybullet.model.simulation import FRICTIONS, pair_friction
-from hcbench.sim.loads import (
+from hcbench.sim.rest import (
     LAST,
     LOADS,
     PRESSED_S,
     PRESSED_STEPS,
     PUSHED_STEPS,
+    UNKNOWN,
     BorneLoad,
     Carried,
+    Rest,
+    Standing,
     borne,
     creep_of,
+    last_half,
     push_of,
+    rest_of,
     slope_of,
 )
-from hcbench.sim.rest import UNKNOWN, Rest, Standing, last_half, rest_of
 from hcbench.sim.tangential import plate_frame
 
 if TYPE_CHECKING:

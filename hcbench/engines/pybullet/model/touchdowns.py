@@ -25,8 +25,14 @@ from hcbench.engines.pybullet.model.bodies import FIXED, JOINT_TYPE, PRISMATIC, 
 from hcbench.engines.pybullet.model.causes import promise_in
 from hcbench.engines.pybullet.model.list_pairs import find_pair
 from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart
-from hcbench.sim.motion import NewTouches, RecordedMotion
-from hcbench.sim.touch import ANY_SPEED, Touchdown, Touchdowns, TrajectoryTouchdowns
+from hcbench.sim.touch import (
+    ANY_SPEED,
+    NewTouches,
+    RecordedMotion,
+    Touchdown,
+    Touchdowns,
+    TrajectoryTouchdowns,
+)
 from hcbench.system.errors import QuantityError, UserError
 
 if TYPE_CHECKING:

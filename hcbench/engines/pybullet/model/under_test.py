@@ -64,7 +64,6 @@ from hcbench.engines.pybullet.model.place import place
 from hcbench.engines.pybullet.model.simulation import LaunchInUserWorld, pair_friction
 from hcbench.engines.pybullet.model.touchdowns import touchdowns
 from hcbench.laws.restitution import RestitutionCurve
-from hcbench.sim.density import unit_notes
 from hcbench.sim.model_under_test import (
     CandidatePair,
     Facts,
@@ -73,6 +72,7 @@ from hcbench.sim.model_under_test import (
     Request,
     Suspect,
     Texts,
+    unit_notes,
 )
 from hcbench.sim.packages import Packages
 from hcbench.sim.touch import overlap_notes
@@ -86,9 +86,8 @@ if TYPE_CHECKING:
     from hcbench.engines.pybullet.model.open import BodyPart
     from hcbench.engines.pybullet.model.place import BulletPlacement
     from hcbench.sim.landing import DropPlan, Landings
-    from hcbench.sim.loads import Carried
     from hcbench.sim.promise import Promise
-    from hcbench.sim.rest import Standing
+    from hcbench.sim.rest import Carried, Standing
     from hcbench.sim.touch import TrajectoryTouchdowns
     from hcbench.terms.impact import Floats
 

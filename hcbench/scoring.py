@@ -1,4 +1,8 @@
-"""Adds up the scores of impacts, in parts of any size."""
+"""Impacts in, scores out: pure functions, no engine, no files.
+
+Two truths are kept apart by name everywhere: `law`, the restitution that eq. (16) delivers, and
+`linear`, e = 1 - α v_i of eq. (2). They part ways as α v_i grows.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,9 @@ from numpy.typing import NDArray
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.solvers import minimum
-from hcbench.terms.impact import Floats, Impact, Loop, Status
+from hcbench.terms.arguments import checked
+from hcbench.terms.bounds import positive, require
+from hcbench.terms.impact import Floats, Impact, Launch, Loop, Status
 from hcbench.terms.resolution import ROUND_OFF_SUM, STEPS_AT_ITS_ENDS, STEPS_TO_COMPARE
 
 # Comparison of an impact's force loop with the law's.
@@ -281,7 +287,7 @@ class Tally:
         off_law = e - closed_form.restitution(law.alpha, speed_in)
         self._off_law.add(off_law, speed_in)
         self._off_linear.add(e - (1 - law.alpha * speed_in), speed_in)
-        spreads = np.array([phase_spread(launch, e), phase_spread(launch, off_law)])
+        spreads = np.array([_spread_over_phases(launch, e), _spread_over_phases(launch, off_law)])
         self._spreads = np.fmax(self._spreads, spreads)
         self._loss.add(speed_in, 0.5 * self._mass * speed_in**2 * (1 - e**2))
         self._law_loss.add(speed_in, np.asarray(closed_form.energy_loss(law, self._mass, speed_in)))
@@ -396,7 +402,7 @@ class _Slope:
         return slope
 
 
-def phase_spread(launch: NDArray[np.int64], values: Floats) -> float:
+def _spread_over_phases(launch: NDArray[np.int64], values: Floats) -> float:
     """The largest difference between values of one launch at its phases; NaN if each launch has one
     value.
 
@@ -500,3 +506,73 @@ def _furthest(ratios: list[float]) -> float:
 
     known = [ratio for ratio in ratios if not math.isnan(ratio)]
     return max(known, key=distance, default=math.nan)
+
+
+@checked
+def score(impacts: Sequence[Impact], law: HuntCrossley, mass: float) -> Score:
+    """Everything there is to say about one setting at one step against one law.
+
+    impacts: one or more, over speeds and phases; a launch is one (speed, phase).
+    mass: effective mass, kg.
+
+    Raises UserError for no impacts, and for a mass that is not above 0.
+    """
+    require("impacts", list(impacts), bool(impacts), "one or more")
+    positive("mass", mass, "kg")
+    total = Tally(law, mass)
+    total.add(_columns(impacts))
+    loops = []
+    for impact in impacts:
+        loop = score_loop(impact, law, mass)
+        if loop is not None:
+            loops.append(loop)
+    total.add_loops(loops)
+    return total.score()
+
+
+def phase_spread(impacts: Sequence[Impact]) -> float:
+    """The largest difference in e between launches that differ in phase
+    only; NaN with nothing to compare.
+
+    impacts: measured ones: an impact without an e has NaN, which is the difference then.
+    """
+    columns = _columns(impacts)
+    return _spread_over_phases(columns.launch, columns.e)
+
+
+def _columns(impacts: Sequence[Impact]) -> Measured:
+    """Impacts as columns of shape (n,): speeds in m/s, energies lost over the kinetic energy
+    before.
+
+    Launches that differ in phase alone share a number. What an impact does not have is NaN.
+    """
+    count = len(impacts)
+    launch = np.zeros(count, dtype=np.int64)
+    samples = np.zeros(count, dtype=np.int64)
+    parted = np.zeros(count, dtype=bool)
+    rested = np.zeros(count, dtype=bool)
+    numbers = np.zeros((4, count))
+    number_of: dict[Launch, int] = {}
+    for i, impact in enumerate(impacts):
+        launch[i] = number_of.setdefault(impact.launch.at_any_phase, len(number_of))
+        samples[i] = impact.samples
+        parted[i] = impact.status is Status.PARTED
+        rested[i] = impact.status is Status.RESTED
+        numbers[:, i] = (
+            impact.launch.speed,
+            impact.speed_in,
+            impact.restitution,
+            impact.energy_lost,
+        )
+    speed, speed_in, e, energy_lost = numbers
+    return Measured(
+        speed=speed,
+        launch=launch,
+        parted=parted,
+        rested=rested,
+        speed_in=speed_in,
+        e=e,
+        energy_lost=energy_lost,
+        samples=samples,
+        gained=any("energy" in impact.reason for impact in impacts),
+    )
