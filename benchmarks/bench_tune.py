@@ -24,8 +24,7 @@ from _bounces import G, bounce, box, mujoco_model, pybullet_bounces, rest
 from _searches import methods, paste, searched
 
 from hcbench.laws.force import HuntCrossley
-from hcbench.recipes.constant import minimax_constant
-from hcbench.recipes.target import Target
+from hcbench.recipes.target import Target, minimax_constant
 from hcbench.system.errors import SettingError
 from hcbench.terms.scene import load_scene
 from hcbench.tuning.model import snippet

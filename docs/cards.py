@@ -24,7 +24,7 @@ import numpy as np
 
 from hcbench.laws import closed_form
 from hcbench.laws.published import LAWS
-from hcbench.recipes.constant import steps_per_contact
+from hcbench.recipes.target import steps_per_contact
 from hcbench.sim import registry
 from hcbench.system.errors import HcbenchError
 from hcbench.terms.impact import Launch

@@ -240,7 +240,10 @@ class _Gathering:
 
 def _joined(parts: Sequence[_Columns]) -> _Columns:
     """Impacts of parts, one or more, as one."""
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    joined = {}
+    for name in parts[0]:
+        joined[name] = np.concatenate([part[name] for part in parts])
+    return joined
 
 
 def _rows(columns: _Columns, which: slice | NDArray[np.bool_]) -> _Columns:

@@ -558,9 +558,10 @@ def _answers(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
     summary: content of a summary.json. One that was written before answers were kept gives none.
     """
     answers: list[dict[str, Any]] = summary.get("answers", [])
-    for choice in (choice for answer in answers for choice in answer["choices"]):
-        if _FORMER_SPEEDS in choice:
-            choice["speeds_m_per_s"] = choice.pop(_FORMER_SPEEDS)
+    for answer in answers:
+        for choice in answer["choices"]:
+            if _FORMER_SPEEDS in choice:
+                choice["speeds_m_per_s"] = choice.pop(_FORMER_SPEEDS)
     return answers
 
 

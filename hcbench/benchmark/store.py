@@ -88,10 +88,12 @@ class Files:
             entries = self._system.ls(self._path(folder), detail=True, refresh=True)
         except (FileNotFoundError, NotADirectoryError):
             return []
-        chosen = [
-            entry["name"] for entry in entries if (entry["type"] == "directory") is directories
-        ]
-        return sorted(name.rstrip("/").rpartition("/")[2] for name in chosen)
+        names = []
+        for entry in entries:
+            is_directory = entry["type"] == "directory"
+            if is_directory is directories:
+                names.append(_base(entry["name"].rstrip("/")))
+        return sorted(names)
 
     def read(self, name: str) -> bytes:
         """A file's content."""

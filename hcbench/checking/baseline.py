@@ -224,12 +224,12 @@ def read_pairs(path: Path) -> Pairs:
     if "speed" in columns.places:
         role = "speed"
     values = {name for name in columns.places if not name.startswith("u_")}
-    others = [
-        name
-        for i, (name, _) in enumerate(table.header)
-        if i not in columns.places.values() and table.has_number(i) and name and not is_beside(name)
-    ]
-    if values != {role, "restitution"} or others:
+    has_others = False
+    for i, (name, _) in enumerate(table.header):
+        is_taken = i in columns.places.values()
+        if not is_taken and table.has_number(i) and name and not is_beside(name):
+            has_others = True
+    if values != {role, "restitution"} or has_others:
         names = ", ".join(name for name, _ in columns.table.header)
         raise UserError(columns.table.name, f"columns {names}", "speed [m/s],restitution")
     speed = columns.get(role)

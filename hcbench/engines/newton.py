@@ -237,7 +237,10 @@ def spring_damper(target: Target) -> dict[str, Any]:
 
 
 def _without_friction(options: Mapping[str, Any]) -> dict[str, Any]:
-    rows = [{word: row[word] for word in row if "friction" not in word} for row in options["rows"]]
+    rows = []
+    for row in options["rows"]:
+        without = {key: value for key, value in row.items() if "friction" not in key}
+        rows.append(without)
     return {"solver": "MuJoCo", "rows": rows}
 
 

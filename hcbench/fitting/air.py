@@ -81,10 +81,9 @@ def rivals_in_air(
 
 def _likeliest_mass(fitted: Callable[[float], LawFit]) -> tuple[float, LawFit]:
     """ln of the mass in kg at which a fit is likeliest, and that fit: by halving a grid twice."""
-    tried = {
-        x: fitted(math.exp(x))
-        for x in np.linspace(math.log(_LIGHTEST), math.log(_HEAVIEST), 4).tolist()
-    }
+    tried: dict[float, LawFit] = {}
+    for x in np.linspace(math.log(_LIGHTEST), math.log(_HEAVIEST), 4).tolist():
+        tried[x] = fitted(math.exp(x))
     step = math.log(_HEAVIEST / _LIGHTEST) / 3.0
     for _ in range(_HALVINGS):
         step *= 0.5

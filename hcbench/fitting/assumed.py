@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +16,7 @@ from hcbench.terms import units
 from hcbench.terms.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from hcbench.fitting.table import Table
     from hcbench.terms.impact import Floats
@@ -36,8 +36,77 @@ _ROUGH = 0.05
 _OPEN = {"touch", "bounce", "number", *map(str, range(10))}
 # Quantities of a single column that a user may name.
 _ASKED = {"times": "time", "heights": "position"}
+# Roles beside which a column in a unit of force is not taken for the force.
+_HELD = {"force", "height"}
 # Share of g by which free fall may miss it where metres and seconds are assumed.
 _NEAR_G = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class _Columns:
+    """Columns with numbers of a table, each by its place from 0, sorted by what their names tell.
+
+    known: the role of each whose name and unit have one, such as "time"; not of whole numbers that
+    count on without a unit.
+    bare: those whose names tell no quantity, such as "touch" or none, and that do not count on.
+    unknown: others whose names have no role; a unit may tell their quantity.
+    """
+
+    table: Table
+    known: Mapping[int, str]
+    bare: Sequence[int]
+    unknown: Sequence[int]
+
+    @classmethod
+    def of(cls, table: Table) -> _Columns:
+        """Sort the columns of a table."""
+        known: dict[int, str] = {}
+        bare: list[int] = []
+        unknown: list[int] = []
+        for place, (name, unit) in enumerate(table.header):
+            if not table.has_number(place):
+                continue
+            role = role_of(name, unit)
+            if role:
+                if role in QUANTITY_OF and (unit or not counts(table.texts(place))):
+                    known[place] = role
+            elif meanings_of(name) <= _OPEN and not counts(table.texts(place)):
+                bare.append(place)
+            elif not is_beside(name):
+                unknown.append(place)
+        return cls(table, known, bare, unknown)
+
+    @property
+    def has_names(self) -> bool:
+        """True if the table has a name or a unit anywhere."""
+        return any(map(any, self.table.header))
+
+    def of_role(self, role: str) -> list[int]:
+        """Places of the known columns with a role."""
+        return [place for place, known_role in self.known.items() if known_role == role]
+
+    def of_unit(self, quantity: str) -> list[int]:
+        """Places of the unknown columns in a unit of a quantity."""
+        unit_of = self.table.unit_of
+        return [i for i in self.unknown if is_unit_of(unit_of(i, quantity), quantity)]
+
+    def clocks(self) -> list[int]:
+        """Places of the columns that may be a time."""
+        by_unit = self.of_unit("time")
+        return self.of_role("time") or [*by_unit, *([] if self.known else self.bare)]
+
+    def heights(self) -> list[int]:
+        """Places of the columns that may be a height; none beside a force."""
+        if "force" in self.known.values():
+            return []
+        by_unit = self.of_unit("position")
+        return self.of_role("height") or [*by_unit, *([] if self.has_names else self.bare)]
+
+    def in_si(self, place: int, quantity: str) -> Floats:
+        """Numbers of a column in SI; as they stand where it has no unit of the quantity."""
+        if self.table.unit_of(place, quantity):
+            return self.table.in_unit(place, quantity)
+        return self.table.numbers(place)
 
 
 def completed(table: Table, asked: str | None) -> tuple[Table, str]:
@@ -48,63 +117,67 @@ def completed(table: Table, asked: str | None) -> tuple[Table, str]:
     a track; times of which each flight is shorter than the one before are those of touches.
     Raises UserError for numbers without any name that are neither.
     """
-    roles = [role_of(*one) for one in table.header]
-    known = {i: role for i, role in enumerate(roles) if role in QUANTITY_OF and table.has_number(i)}
-    known = {
-        i: role for i, role in known.items() if table.header[i][1] or not counts(table.texts(i))
-    }
-    others = [i for i, role in enumerate(roles) if not role and table.has_number(i)]
-    # Names that tell no quantity, such as "touch", and those that tell something else.
-    bare = [i for i in others if meanings_of(table.header[i][0]) <= _OPEN]
-    bare = [i for i in bare if not counts(table.texts(i))]
-    unknown = [i for i in others if i not in bare and not is_beside(table.header[i][0])]
-    has_names = any(map(any, table.header))
-
-    def of_unit(quantity: str) -> list[int]:
-        return [i for i in unknown if is_unit_of(table.unit_of(i, quantity), quantity)]
-
-    def si(at: int, quantity: str) -> Floats:
-        has_unit = table.unit_of(at, quantity)
-        return table.in_unit(at, quantity) if has_unit else table.numbers(at)
-
-    clocks = [i for i, role in known.items() if role == "time"]
-    clocks = clocks or [*of_unit("time"), *(bare if not known else ())]
-    heights = [i for i, role in known.items() if role == "height"]
-    places = heights or [*of_unit("position"), *(() if has_names else bare)]
-    pairs = itertools.product(clocks, () if "force" in known.values() else places)
-    tracks = [(c, p) for c, p in pairs if c != p and falls_with_g(si(c, "time"), si(p, "position"))]
-    trains = [c for c in clocks if is_train(si(c, "time"))]
-    if not has_names and len(trains) == len(bare) == 2:
-        # Labels have a begin, an end and a word; the end is the begin, or later.
-        lasts = table.numbers(bare[1]) - table.numbers(bare[0])
-        if (lasts >= 0).all() and (len(roles) > 2 or not lasts.any()):
-            table = replace(
-                table, header=(*table.header[: bare[1]], ("stop", ""), *table.header[bare[1] + 1 :])
-            )
+    columns = _Columns.of(table)
+    known = columns.known
+    bare = columns.bare
+    clocks = columns.clocks()
+    tracks = [
+        (clock, place)
+        for clock, place in itertools.product(clocks, columns.heights())
+        if clock != place
+        and falls_with_g(columns.in_si(clock, "time"), columns.in_si(place, "position"))
+    ]
+    trains = [clock for clock in clocks if is_train(columns.in_si(clock, "time"))]
+    if not columns.has_names and len(trains) == len(bare) == 2:
+        if _are_labels(table, *bare):
+            end = bare[1]
+            header = (*table.header[:end], ("stop", ""), *table.header[end + 1 :])
+            table = replace(table, header=header)
             trains = trains[:1]
-    elif len(unknown) + len(bare) > 1 or (unknown and clocks != unknown):
-        trains = [c for c in trains if is_sure_train(si(c, "time"))]
+    elif len(columns.unknown) + len(bare) > 1 or (columns.unknown and clocks != columns.unknown):
+        # Beside columns of which nothing is known, a time must leave no doubt.
+        trains = [clock for clock in trains if is_sure_train(columns.in_si(clock, "time"))]
     taken: dict[int, str] = {}
     why = ""
     if asked in _ASKED and not known:
-        alone = of_unit(_ASKED[asked])
-        taken = dict.fromkeys(alone if len(alone) == 1 else [], asked.removesuffix("s"))
-        if taken == {i: "time" for i in alone if (np.diff(table.numbers(i)) < 0).all()}:
-            taken = dict.fromkeys(taken, "interval")
+        taken = _taken_as(columns, asked)
         why = f"--as {asked} says so"
     elif len({place for _, place in tracks}) == 1:
         taken = dict(zip(tracks[0], ("time", "height"), strict=True))
         why = "it falls with g"
-    elif clocks and len(of_unit("force")) == 1 and not {"force", "height"} & {*known.values()}:
-        taken = dict.fromkeys(of_unit("force"), "force")
+    elif clocks and len(columns.of_unit("force")) == 1 and not _HELD & {*known.values()}:
+        taken = dict.fromkeys(columns.of_unit("force"), "force")
         why = "no other column is in its unit"
     elif len(trains) == 1 and known.keys() <= {*trains} and (known or trains[0] in bare):
         taken = dict.fromkeys(trains, "time")
         why = "each flight is shorter than the one before"
-    elif not has_names:
+    elif not columns.has_names:
         got = f"begins with the numbers {', '.join(table.cells[0])!r:.60}"
         raise UserError(table.name, got, "a header")
     return _with_names(table, taken, why)
+
+
+def _are_labels(table: Table, begin: int, end: int) -> bool:
+    """Say whether two columns are the begin and the end of labels: the end is the begin, or later.
+
+    Labels have a word as well, unless each ends where it begins.
+    """
+    lasts = table.numbers(end) - table.numbers(begin)
+    return bool((lasts >= 0).all() and (len(table.header) > 2 or not lasts.any()))
+
+
+def _taken_as(columns: _Columns, asked: str) -> dict[int, str]:
+    """The role of the one column that has a unit of the kind that the user names; {} for several.
+
+    asked: a key of _ASKED. Times that fall all the way are intervals.
+    """
+    alone = columns.of_unit(_ASKED[asked])
+    if len(alone) != 1:
+        return {}
+    role = asked.removesuffix("s")
+    if role == "time" and (np.diff(columns.table.numbers(alone[0])) < 0).all():
+        role = "interval"
+    return {alone[0]: role}
 
 
 def _with_names(table: Table, taken: Mapping[int, str], why: str) -> tuple[Table, str]:

@@ -338,15 +338,14 @@ def _systematic(
         if whole * len(residual) > known_noise**2 * chdtri(len(residual), _CHANCE):
             return math.sqrt(whole - known_noise**2)
     # (mean, variance of the mean, points) of each group.
-    rows = np.array(
-        [
-            (residual[at].mean(), residual[at].var(ddof=1) / at.sum(), at.sum())
-            for at in groups
-            if at.sum() > 2
-        ]
-    )
-    if not len(rows):
+    of_groups = []
+    for at in groups:
+        points = at.sum()
+        if points > 2:
+            of_groups.append((residual[at].mean(), residual[at].var(ddof=1) / points, points))
+    if not of_groups:
         return 0.0
+    rows = np.array(of_groups)
     # All groups have one noise; a group's own variance is too uncertain.
     noise = float((rows[:, 1] * rows[:, 2]).mean())
     by_noise = noise / rows[:, 2]

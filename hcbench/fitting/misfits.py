@@ -185,15 +185,18 @@ def _freed(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> list
     widths = [np.ones(len(s.touches())) for s in sets]
     count = sum(map(len, widths))
     for _ in range(min(_MOST_FREED, int(MOST_OUTLIERS * count))):
-        off = [
-            (flag, wide, s.touches().index(flag.touch))
-            for (s, wide) in zip(sets, widths, strict=True)
-            for flag in flagged_touches(fit_law(law, [s], reference, [wide]), [s])
-            if flag.what == "bounced off"
-        ]
+        # (widths of a data set, number of an impact that stands out in it).
+        off: list[tuple[Floats, int]] = []
+        for s, wide in zip(sets, widths, strict=True):
+            fit = fit_law(law, [s], reference, [wide])
+            for flag in flagged_touches(fit, [s]):
+                if flag.what != "bounced off":
+                    continue
+                touch = s.touches().index(flag.touch)
+                off.append((wide, touch))
         if not off:
             break
-        for _, wide, touch in off:
+        for wide, touch in off:
             wide[touch] = _ANYWHERE
     return widths
 

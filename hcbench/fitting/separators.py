@@ -318,12 +318,14 @@ _OF_LIST = re.compile(
 
 def names_in_brackets(lines: Sequence[str], count: int) -> tuple[str, ...]:
     """Names of `count` columns that stand in brackets in one of the lines, as in SQL; () for none."""
-    ways = [
-        [(part.split() or [""])[0] for part in inside.split(",")]
-        for line in lines
-        for inside in re.findall(r"\(([^()]*,[^()]*)\)", line)
-    ]
-    return next((tuple(way) for way in reversed(ways) if _are_names(way, count)), ())
+    names: tuple[str, ...] = ()
+    for line in lines:
+        for inside in re.findall(r"\(([^()]*,[^()]*)\)", line):
+            # Of "name type" the name alone.
+            found = [(part.split() or [""])[0] for part in inside.split(",")]
+            if _are_names(found, count):
+                names = tuple(found)
+    return names
 
 
 def listed_names(lines: Sequence[str], count: int) -> tuple[str, ...]:

@@ -135,13 +135,16 @@ class ContactMeaning:
     @property
     def record(self) -> dict[str, Any]:
         """The numbers as `--json` prints them."""
-        return {
-            **record(CONTACT, self),
-            "impacts": [record(CONTACT_IMPACT, each) for each in self.impacts],
-            "loads": [record(CONTACT_LOAD, load) for load in self.carried.loads],
-            "landings": [record(LANDING_PEAK, peak) for peak in self.peaks],
-            "steps": [record(CONTACT_STEP, step) for step in self.steps],
+        numbers = record(CONTACT, self)
+        parts: dict[str, tuple[Any, Sequence[Any]]] = {
+            "impacts": (CONTACT_IMPACT, self.impacts),
+            "loads": (CONTACT_LOAD, self.carried.loads),
+            "landings": (LANDING_PEAK, self.peaks),
+            "steps": (CONTACT_STEP, self.steps),
         }
+        for key, (fields, items) in parts.items():
+            numbers[key] = [record(fields, item) for item in items]
+        return numbers
 
 
 def contact_in(model: ModelUnderTest, request: Request) -> ContactMeaning:
@@ -319,25 +322,23 @@ _Row = tuple[str, ...]
 def _impact_rows(meaning: ContactMeaning) -> Iterator[_Row]:
     """Rows of the slowest and the fastest launches, which head the table."""
     impacts = meaning.impacts
-    yield (
-        "what the contact means",
-        *(f"at {_speed(each.point):.3g} m/s" for each in impacts),
-    )
-    yield "e", *(number(each.point.restitution, ".3f") for each in impacts)
-    yield "contact time, ms", *map(_duration, impacts)
-    yield "steps in contact", *(str(each.point.samples) for each in impacts)
-    yield "largest penetration, mm", *(number(1e3 * each.penetration, ".3g") for each in impacts)
-    yield "largest force, N", *(number(each.force, ".3g") for each in impacts)
-    if any(math.isfinite(each.stiffness) for each in impacts):
-        yield "stiffness, N/m", *(number(each.stiffness, ".3g") for each in impacts)
-        yield "damping, N s/m", *(number(each.damping, ".3g") for each in impacts)
+
+    def row(title: str, text: Callable[[ContactImpact], str]) -> _Row:
+        return title, *map(text, impacts)
+
+    yield row("what the contact means", lambda i: f"at {_speed(i.point):.3g} m/s")
+    yield row("e", lambda i: number(i.point.restitution, ".3f"))
+    yield row("contact time, ms", _duration)
+    yield row("steps in contact", lambda i: str(i.point.samples))
+    yield row("largest penetration, mm", lambda i: number(1e3 * i.penetration, ".3g"))
+    yield row("largest force, N", lambda i: number(i.force, ".3g"))
+    if any(math.isfinite(impact.stiffness) for impact in impacts):
+        yield row("stiffness, N/m", lambda i: number(i.stiffness, ".3g"))
+        yield row("damping, N s/m", lambda i: number(i.damping, ".3g"))
         # Joints and servos that act, too, leave no ratio.
-        if any(math.isfinite(each.damping_ratio) for each in impacts):
-            yield "damping ratio", *(number(each.damping_ratio, ".2g") for each in impacts)
-        yield (
-            "misfit of spring and damper, %",
-            *(number(100 * each.misfit, ".2g") for each in impacts),
-        )
+        if any(math.isfinite(impact.damping_ratio) for impact in impacts):
+            yield row("damping ratio", lambda i: number(i.damping_ratio, ".2g"))
+        yield row("misfit of spring and damper, %", lambda i: number(100 * i.misfit, ".2g"))
 
 
 def _speed(point: CurvePoint) -> float:

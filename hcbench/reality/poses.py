@@ -158,7 +158,10 @@ def _rows(path: Path) -> Floats:
     """
     try:
         frames = csv.DictReader(read_text(path, "utf-8-sig").splitlines(), skipinitialspace=True)
-        numbers = [[float(frame[name]) for name in COLUMNS] for frame in frames]
+        numbers = []
+        for frame in frames:
+            row = [float(frame[name]) for name in COLUMNS]
+            numbers.append(row)
     except (OSError, UnicodeDecodeError) as error:
         raise UserError("--poses", f"{path}: {error}", "a CSV file") from None
     except (KeyError, TypeError, ValueError):

@@ -143,10 +143,11 @@ class View:
 
         timestep: s, of one run at least; raises ValueError for any other.
         """
-        curves = [
-            one.curve.speed for (run, _), one in self.head_on.items() if run.timestep == timestep
-        ]
-        speeds = np.concatenate(curves)
+        of_step = []
+        for (run, _), folded in self.head_on.items():
+            if run.timestep == timestep:
+                of_step.append(folded.curve.speed)
+        speeds = np.concatenate(of_step)
         return f"{span(f'{speeds.min():.3g}', f'{speeds.max():.3g}')}{NBSP}m/s"
 
     @cached_property
@@ -262,11 +263,12 @@ class View:
         """Answers of `hcbench tune` under this gravity: (engine, step, α in nine digits) -> as
         JSON.
         """
-        return {
-            (answer["engine"], float(answer["timestep"]), f"{answer['alpha']:.9g}"): answer
-            for answer in self.results.answers
-            if answer["gravity"] == self.gravity
-        }
+        answers: dict[tuple[str, float, str], Mapping[str, Any]] = {}
+        for answer in self.results.answers:
+            if answer["gravity"] == self.gravity:
+                step = float(answer["timestep"])
+                answers[answer["engine"], step, f"{answer['alpha']:.9g}"] = answer
+        return answers
 
     def scores(self, run: RunKey) -> list[Mapping[str, Any]]:
         """The scores of a run, for each α that it ran for."""
@@ -311,11 +313,11 @@ class View:
     @cached_property
     def rests(self) -> dict[RunKey, RestAfterDrop]:
         """Rest of the bodies after a drop under gravity for the main α."""
-        rows = self._of_main_alpha(self.results.rests).to_dict("records")
-        return {
-            self.run_of(row): RestAfterDrop(float(row["depth_m"]), float(row["motion_m"]))
-            for row in rows
-        }
+        rests = {}
+        for row in self._of_main_alpha(self.results.rests).to_dict("records"):
+            rest = RestAfterDrop(float(row["depth_m"]), float(row["motion_m"]))
+            rests[self.run_of(row)] = rest
+        return rests
 
     def run_of(self, record: Mapping[Any, Any]) -> RunKey:
         """The run of one of the results' settings, or of a row of a table."""

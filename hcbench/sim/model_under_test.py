@@ -56,21 +56,22 @@ class CandidatePair:
 
 def as_records(pairs: Sequence[CandidatePair]) -> list[dict[str, Any]]:
     """The pairs as `--json` prints them, an object each."""
-    return [
-        {
-            "pair": p.pair,
-            "bodies": list(p.bodies),
-            "geoms": list(p.geoms),
-            "types": list(p.types),
-            "joint": p.joint,
-            "effective_mass_kg": p.effective_mass,
-            "distance_m": p.distance,
-            "touching": p.touching,
-            "touching_in": list(p.touching_in),
-            "contact": dict(p.settings),
+    records = []
+    for pair in pairs:
+        content = {
+            "pair": pair.pair,
+            "bodies": list(pair.bodies),
+            "geoms": list(pair.geoms),
+            "types": list(pair.types),
+            "joint": pair.joint,
+            "effective_mass_kg": pair.effective_mass,
+            "distance_m": pair.distance,
+            "touching": pair.touching,
+            "touching_in": list(pair.touching_in),
+            "contact": dict(pair.settings),
         }
-        for p in pairs
-    ]
+        records.append(content)
+    return records
 
 
 def as_table(pairs: Sequence[CandidatePair], longest: int = 40) -> str:

@@ -132,14 +132,13 @@ class Promise:
         it.
         """
         low, high = self.speeds
-        return max(
-            (
-                abs(i.restitution - float(self.curve.at(i.speed_in)))
-                for i in impacts
-                if i.is_measured and 0.999 * low <= i.speed_in <= 1.001 * high
-            ),
-            default=0.0,
-        )
+        largest = 0.0
+        for impact in impacts:
+            speed = impact.speed_in
+            if impact.is_measured and 0.999 * low <= speed <= 1.001 * high:
+                error = abs(impact.restitution - float(self.curve.at(speed)))
+                largest = max(largest, error)
+        return largest
 
     def is_kept(self, impacts: Sequence[Impact]) -> bool:
         """Say whether e is as close as promised, with a margin for rounding."""

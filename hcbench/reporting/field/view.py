@@ -83,8 +83,10 @@ class FieldView:
     @cached_property
     def scores(self) -> dict[Case, Mapping[str, Any]]:
         """Each case's score, in the study's order."""
-        rows = self._of_alpha(self.results.scores).to_dict("records")
-        return {self._case(row): {str(k): v for k, v in row.items()} for row in rows}
+        scores: dict[Case, Mapping[str, Any]] = {}
+        for row in self._of_alpha(self.results.scores).to_dict("records"):
+            scores[self._case(row)] = {str(name): value for name, value in row.items()}
+        return scores
 
     @cached_property
     def folded(self) -> dict[Case, Folded]:
@@ -104,10 +106,10 @@ class FieldView:
     @cached_property
     def impacts(self) -> dict[Case, pd.DataFrame]:
         """Each case's impacts, a row each."""
-        rows = self.results.table.rows
-        return {
-            case: rows([key]) for case, (key, _) in zip(self.folded, self._of_main, strict=True)
-        }
+        impacts = {}
+        for case, (key, _) in zip(self.folded, self._of_main, strict=True):
+            impacts[case] = self.results.table.rows([key])
+        return impacts
 
     @cached_property
     def loops(self) -> dict[Case, pd.DataFrame]:
@@ -178,11 +180,10 @@ class FieldView:
         engine: its name. gravity: m/s². timestep: s. kinds: of settings, such as PLUGIN; OWN
         without any. One that bounces over the whole band is before any that stays down somewhere.
         """
-        cases = [
-            c for c in self.cases(engine, gravity, timestep, *kinds) if math.isfinite(self.error(c))
-        ]
+        cases = self.cases(engine, gravity, timestep, *kinds)
+        good = [case for case in cases if math.isfinite(self.error(case))]
         return min(
-            cases, key=lambda case: (self.stays_down(case) > 0.0, self.error(case)), default=None
+            good, key=lambda case: (self.stays_down(case) > 0.0, self.error(case)), default=None
         )
 
     def stock(self, engine: str, gravity: float, timestep: float) -> Case | None:

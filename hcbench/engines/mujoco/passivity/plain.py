@@ -203,7 +203,10 @@ def ball_slides(contact: Contact, options: Stepping) -> list[Finding]:
 
 def boxes_slide(contact: Contact, options: Stepping) -> list[Finding]:
     """Findings for a box on its face and on an edge, and for a capsule on its side."""
-    return [finding for body in _BOXES for finding in _findings(contact, options, body)]
+    findings: list[Finding] = []
+    for body in _BOXES:
+        findings += _findings(contact, options, body)
+    return findings
 
 
 def _findings(contact: Contact, options: Stepping, body: _ThrownBody) -> Iterator[Finding]:

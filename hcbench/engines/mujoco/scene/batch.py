@@ -108,12 +108,11 @@ def collidable_pairs(model: Any, moving: NDArray[np.bool_]) -> list[tuple[int, i
 
     moving: (ngeom,). Other filters of MuJoCo's, and <pair>s, are not looked at.
     """
-    return [
-        (one, other)
-        for one in np.flatnonzero(moving).tolist()
-        for other in np.flatnonzero(~moving).tolist()
-        if masks_match(model, one, other)
-    ]
+    still = np.flatnonzero(~moving).tolist()
+    pairs: list[tuple[int, int]] = []
+    for geom in np.flatnonzero(moving).tolist():
+        pairs += [(geom, other) for other in still if masks_match(model, geom, other)]
+    return pairs
 
 
 def _touches_below(mujoco: Any, model: Any) -> bool:

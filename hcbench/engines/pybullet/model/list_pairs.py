@@ -134,8 +134,11 @@ def _described(
         if row.inverse_mass > 0.0:
             mass = 1.0 / row.inverse_mass
     names = (_link(bodies, first), _link(bodies, second))
-    infos = [bullet.getDynamicsInfo(*link) for link in pair]
-    settings = {name: [float(info[place]) for info in infos] for name, place in _DYNAMICS.items()}
+    of_first = bullet.getDynamicsInfo(*first)
+    of_second = bullet.getDynamicsInfo(*second)
+    settings = {}
+    for name, place in _DYNAMICS.items():
+        settings[name] = [float(of_first[place]), float(of_second[place])]
     is_touching = distance <= 0.0
     touching_in: tuple[str, ...] = ()
     if is_touching:

@@ -342,8 +342,14 @@ class LaunchInUserWorld(Simulation):
         if self._along is not None:
             point = surface_point(contacts)
         else:
+            total = [0.0, 0.0, 0.0]
+            for contact in contacts:
+                on_first = contact[POINT_A]
+                on_second = contact[POINT_B]
+                for k in range(3):
+                    total[k] += on_first[k] + on_second[k]
             count = 2 * len(contacts)
-            point = [sum(c[POINT_A][k] + c[POINT_B][k] for c in contacts) / count for k in range(3)]
+            point = [coordinate / count for coordinate in total]
         deepest = min(contact[DISTANCE] for contact in contacts)
         return _Contact(-deepest, sum(contact[FORCE] for contact in contacts), point)
 
