@@ -129,7 +129,15 @@ def run_in_pool(
     plan = make_plan(study, pool.map)
     files = TemporaryFiles()
     try:
-        run_plan(plan, Store(files), workers, False, report, Timeouts(), arrays)
+        run_plan(
+            plan,
+            Store(files),
+            workers,
+            resume=False,
+            report_progress=report,
+            timeouts=Timeouts(),
+            encode=arrays,
+        )
         return results_in(Store(files), pool.map)
     except BaseException:
         files.remove()

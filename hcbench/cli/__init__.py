@@ -95,7 +95,7 @@ def run(arguments: list[str]) -> int:
     """
     token = NAMES_OPTIONS.set(True)
     try:
-        with beyond_bounds(False):
+        with beyond_bounds(admitted=False):
             return _run(arguments)
     finally:
         NAMES_OPTIONS.reset(token)

@@ -91,7 +91,7 @@ def run_cases(
         write_output(out, json.dumps(results, separators=(",", ":")) + "\n", "--out", force)
     if junit:
         write_output(junit, _junit(scores, known), "--junit", force)
-    _print(scores, as_json, False)
+    _print(scores, as_json, markdown=False)
     _require_expected(scores, known)
 
 

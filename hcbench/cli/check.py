@@ -270,7 +270,7 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
     from hcbench.sim.model_under_test import as_records, as_table
 
     asked = plan(_spec(models, python, options, required=True))
-    job = Job(asked.source, asked.engine, asked.request, None, TOLERANCE, False)
+    job = Job(asked.source, asked.engine, asked.request, None, TOLERANCE, diagnose=False)
     with status("listing the pairs"):
         parts = list_pairs(job, asked.limit)
     if as_json:
@@ -372,7 +372,7 @@ def land(
     robots = []
     with status("dropping the robot"):
         for source in sources:
-            job = Job(source, engine, request, None, TOLERANCE, False)
+            job = Job(source, engine, request, None, TOLERANCE, diagnose=False)
             robots.append(land_job(job, drops, seconds))
     if page is not None:
         from hcbench.reporting.measurement_page import landing_page

@@ -199,13 +199,13 @@ def contact_law(target: Target) -> dict[str, Any]:
             "speeds", f"up to {fastest:.4g} m/s", f"below 1/α = {1.0 / alpha:.4g} m/s"
         )
     threshold = 2.0 * fastest if alpha * fastest < 1.0 / 3.0 else 0.5 * (fastest + 1.0 / alpha)
-    return _contact(target, 1, 1.0 - alpha * threshold, minimumImpactVelocity=threshold)
+    return _contact(target, model=1, e=1.0 - alpha * threshold, minimumImpactVelocity=threshold)
 
 
 def restitution(target: Target) -> dict[str, Any]:
     """The best constant e."""
     e, _ = minimax_constant(target)
-    return _contact(target, 2, e, minimumImpactVelocity=0.0)
+    return _contact(target, model=2, e=e, minimumImpactVelocity=0.0)
 
 
 _STEPS = "Lower timeIntegration.minimumStepSize: its default, 1e-8, ends one impact in five with an error."

@@ -61,6 +61,7 @@ def rivals_in_air(
     if not 0.0 < alpha < _MOST_ALPHA:
         return AirRivals()
     reference = fits[PLAIN].reference
+    # ln of the evidence from which a fit in air is not ruled out.
     least = max(fit.log_evidence for fit in fits.values()) - math.log(ODDS_TO_TELL)
 
     def in_air(law: str, mass: float) -> LawFit:
@@ -76,7 +77,7 @@ def rivals_in_air(
             share = min(share, alpha_of(plain, lossy).value / alpha)
     if constant.log_evidence + _LIGHT > least:
         return AirRivals(constant, share)
-    return AirRivals(None, share)
+    return AirRivals(constant=None, share=share)
 
 
 def _likeliest_mass(fitted: Callable[[float], LawFit]) -> tuple[float, LawFit]:

@@ -43,7 +43,7 @@ _NEAR_G = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class _Columns:
+class _SortedColumns:
     """Columns with numbers of a table, each by its place from 0, sorted by what their names tell.
 
     known: the role of each whose name and unit have one, such as "time"; not of whole numbers that
@@ -58,7 +58,7 @@ class _Columns:
     unknown: Sequence[int]
 
     @classmethod
-    def of(cls, table: Table) -> _Columns:
+    def of(cls, table: Table) -> _SortedColumns:
         """Sort the columns of a table."""
         known: dict[int, str] = {}
         bare: list[int] = []
@@ -117,7 +117,7 @@ def completed(table: Table, asked: str | None) -> tuple[Table, str]:
     a track; times of which each flight is shorter than the one before are those of touches.
     Raises UserError for numbers without any name that are neither.
     """
-    columns = _Columns.of(table)
+    columns = _SortedColumns.of(table)
     known = columns.known
     bare = columns.bare
     clocks = columns.clocks()
@@ -166,7 +166,7 @@ def _are_labels(table: Table, begin: int, end: int) -> bool:
     return bool((lasts >= 0).all() and (len(table.header) > 2 or not lasts.any()))
 
 
-def _taken_as(columns: _Columns, asked: str) -> dict[int, str]:
+def _taken_as(columns: _SortedColumns, asked: str) -> dict[int, str]:
     """The role of the one column that has a unit of the kind that the user names; {} for several.
 
     asked: a key of _ASKED. Times that fall all the way are intervals.

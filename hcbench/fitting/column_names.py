@@ -612,7 +612,7 @@ def _read_as(header: Sequence[tuple[str, str]]) -> str:
 
 
 def _lines_that_are_read(header: Sequence[tuple[str, str]]) -> str:
-    """Lines of a table of the kind that a header is nearest to."""
+    """A header and a line of numbers that are read, of the kind that a header is nearest to."""
     roles = {role_of(*one) for one in header}
     nearest = max(DATA_KINDS, key=lambda needed: len(needed & roles) - len(needed ^ roles) / 100)
     if not roles & set(QUANTITY_OF):

@@ -437,7 +437,7 @@ def _with_numbers(
     if result.drops:
         used = [one for one, drop in zip(each, result.drops, strict=True) if drop.alpha]
     restitution = e0 = None
-    drops = _OverDrops(None, None, [])
+    drops = _OverDrops(alpha=None, between=None, odd=[])
     if laws & set(FAMILY):
         drops = _alpha_of_drops(result, whole, each, used)
     if laws & set(FAMILY[1:]):
@@ -580,7 +580,7 @@ def _warnings(whole: _Fitted, each: Sequence[_Fitted]) -> list[str]:
             )
         if one.changes:
             warnings.append(f"{one.sets[0].name} is read so: {'; '.join(one.changes)}")
-        if len(each) > 1 and (doubts := _doubts(one, False)):
+        if len(each) > 1 and (doubts := _doubts(one, is_alone=False)):
             warnings.append(f"{one.sets[0].name} is left out: {doubts[0]}")
     if whole.likeliest.scatter > 0.9 * MOST_SCATTER:
         warnings.append(

@@ -203,9 +203,9 @@ def _in_unit(cell: NumberCell, unit: str) -> NumberCell:
 
 @contextmanager
 def computed(name: str) -> Iterator[None]:
-    """Numbers that no computation carries are the file's mistake.
+    """Raise UserError for errors of arithmetic in the block, as they are the file's numbers' fault.
 
-    name: what the error calls the file.
+    name: what the error calls the file. NumPy's warnings are silent.
     """
     try:
         with np.errstate(all="ignore"):

@@ -200,7 +200,7 @@ def _at_another_step(
             return ContactStep(timestep, _point(simulate.impacts_in(model, launches)))
     except HcbenchError:
         # Such as a step beyond all bounds, or one in which the two pass each other.
-        return ContactStep(timestep, None)
+        return ContactStep(timestep, point=None)
 
 
 def _point(impacts: Sequence[Impact]) -> CurvePoint:

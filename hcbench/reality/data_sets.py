@@ -185,45 +185,66 @@ class Source:
 
 SOURCES = {
     "cube": Source(
-        "An acrylic cube of 105 mm is tossed onto a board 570 times, and tracked at 148 Hz until it rests.",
-        "Pfrommer, Halm, Posa: ContactNets. Conference on Robot Learning, 2020, arXiv 2009.11193.",
-        "BSD-3-Clause; its text is beside the shipped numbers.",
-        "https://github.com/DAIRLab/contact-nets",
-        "c3dc21c94577ff4ed99123f0b00bfe57bb2d1d90",
-        cube.FOLDER,
-        True,
+        sentence=(
+            "An acrylic cube of 105 mm is tossed onto a board 570 times, and tracked at 148"
+            " Hz until it rests."
+        ),
+        citation=(
+            "Pfrommer, Halm, Posa: ContactNets. Conference on Robot Learning, 2020, arXiv"
+            " 2009.11193."
+        ),
+        licence="BSD-3-Clause; its text is beside the shipped numbers.",
+        repository="https://github.com/DAIRLab/contact-nets",
+        commit="c3dc21c94577ff4ed99123f0b00bfe57bb2d1d90",
+        path=cube.FOLDER,
+        shipped=True,
     ),
     "ellipse": Source(
-        "A plastic ellipse of 70 mm x 50 mm is dropped between two panes; 1718 impacts have velocities before"
-        " and after.",
-        "Fazeli, Donlon, Drumwright, Rodriguez: Empirical evaluation of common contact models for planar"
-        " impact. ICRA 2017.",
-        "BSD-3-Clause, of DAIRLab's copy; the original states none.",
-        "https://github.com/DAIRLab/ImpactModeling",
-        "f6c28898845da6d48efdd6c1c696db2fb3716edf",
-        ellipse.FILE,
-        True,
-        "fafcb329cca4325659ca384bc9a3f43057608f21a178d37e45eefd6032ddf224",
+        sentence=(
+            "A plastic ellipse of 70 mm x 50 mm is dropped between two panes; 1718 impacts"
+            " have velocities before"
+            " and after."
+        ),
+        citation=(
+            "Fazeli, Donlon, Drumwright, Rodriguez: Empirical evaluation of common contact"
+            " models for planar"
+            " impact. ICRA 2017."
+        ),
+        licence="BSD-3-Clause, of DAIRLab's copy; the original states none.",
+        repository="https://github.com/DAIRLab/ImpactModeling",
+        commit="f6c28898845da6d48efdd6c1c696db2fb3716edf",
+        path=ellipse.FILE,
+        shipped=True,
+        sha256="fafcb329cca4325659ca384bc9a3f43057608f21a178d37e45eefd6032ddf224",
     ),
     "ball": Source(
-        "Table tennis balls with a measured spin bounce on a table; 109 bounces are seen well on both sides.",
-        "Gossard, Tebbe, Ziegler, Zell: SpinDOE. IROS 2023, arXiv 2303.03879.",
-        "None stated: not shipped.",
-        "https://github.com/cogsys-tuebingen/spindoe",
-        "e7046a84304c20ab53b3ead87d9f8ce96a050e0a",
-        ball.FILE,
-        False,
-        ball.SHA256,
+        sentence=(
+            "Table tennis balls with a measured spin bounce on a table; 109 bounces are seen"
+            " well on both sides."
+        ),
+        citation="Gossard, Tebbe, Ziegler, Zell: SpinDOE. IROS 2023, arXiv 2303.03879.",
+        licence="None stated: not shipped.",
+        repository="https://github.com/cogsys-tuebingen/spindoe",
+        commit="e7046a84304c20ab53b3ead87d9f8ce96a050e0a",
+        path=ball.FILE,
+        shipped=False,
+        sha256=ball.SHA256,
     ),
     "alumina": Source(
-        "Alumina balls of 5 mm hit glass at 3.9 m/s and at any angle; 31 points are digitised from figures.",
-        "Kharaz, Gorham, Salman: An experimental study of the elastic rebound of spheres. Powder Technology"
-        " 120 (2001) 281.",
-        "Facts; digitised in Kratos Multiphysics (BSD).",
-        "https://github.com/KratosMultiphysics/Kratos",
-        "650ccb263d910608aa74112ddb4c8fa45ca5ba96",
-        "applications/DEMApplication/test_examples/basic_benchmarks/paper_data",
-        True,
+        sentence=(
+            "Alumina balls of 5 mm hit glass at 3.9 m/s and at any angle; 31 points are"
+            " digitised from figures."
+        ),
+        citation=(
+            "Kharaz, Gorham, Salman: An experimental study of the elastic rebound of"
+            " spheres. Powder Technology"
+            " 120 (2001) 281."
+        ),
+        licence="Facts; digitised in Kratos Multiphysics (BSD).",
+        repository="https://github.com/KratosMultiphysics/Kratos",
+        commit="650ccb263d910608aa74112ddb4c8fa45ca5ba96",
+        path="applications/DEMApplication/test_examples/basic_benchmarks/paper_data",
+        shipped=True,
     ),
 }
 

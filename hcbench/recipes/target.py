@@ -36,8 +36,9 @@ def default_band(timestep: float, gravity: float) -> tuple[float, float]:
     """Default band of speeds, m/s: the paper's 1 to 20 in/s, cut below the slowest speed at which a
     body can bounce at a step (s) under gravity (m/s²).
     """
-    low = max(PAPER[0], _above(SLOWEST * gravity * timestep))
-    return low, max(PAPER[1], 4.0 * low)
+    slowest, fastest = PAPER
+    low = max(slowest, _above(SLOWEST * gravity * timestep))
+    return low, max(fastest, 4.0 * low)
 
 
 def _above(speed: float) -> float:

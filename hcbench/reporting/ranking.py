@@ -406,8 +406,8 @@ def overview_runs(view: View) -> list[RunKey]:
             at_step = [run for run in view.band_runs if run.timestep == step]
             groups.append(at_step)
     else:
-        groups.append(view.runs_by_resolution(False))
-        groups.append(view.runs_by_resolution(True))
+        groups.append(view.runs_by_resolution(resolved=False))
+        groups.append(view.runs_by_resolution(resolved=True))
     for group in groups:
         for engine in view.engines:
             by_settings = []

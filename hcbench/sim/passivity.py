@@ -401,7 +401,7 @@ def _drops_here(
     fastest = launches[-1].touch_speed(setting.timestep, scene.gravity)
     steps = round(LASTS / setting.timestep)
     allowed = allowed_rebounds(train, heights, scene.gravity)
-    bounces = Bounces(0.0, 0.0, 0, 0)
+    bounces = Bounces(max_e=0.0, gains_below=0.0, still_bouncing=0, tried=0)
     with (
         redirect_output() if engine.own_process else nullcontext(),
         engine.load(scene, setting, fastest) as world,

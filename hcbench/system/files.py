@@ -28,7 +28,8 @@ MANIFEST = "hcbench-files.json"
 MOST_BYTES = 64 << 20
 _KIND = "hcbench files"
 # Names of scratch folders begin and end with these.
-_SCRATCH = (".hcbench-", ".scratch")
+_SCRATCH_BEGIN = ".hcbench-"
+_SCRATCH_END = ".scratch"
 _LEFT_S = 3600.0
 # Signals that end a command.
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
@@ -341,10 +342,11 @@ def scratch_folder(folder: Path, alone: bool = False) -> Iterator[Path]:
     alone: raises OutputError where another process, or block, has one there. OSError where none can
     be made.
     """
-    # Locked, so that none is taken for left between its making and its locking;
-    # one's own scratch folder is.
-    with nullcontext() if folder.name.endswith(_SCRATCH[1]) else _locked(folder):
-        for left in folder.glob(f"{_SCRATCH[0]}*{_SCRATCH[1]}"):
+    # Locked, so that nobody takes the new one for left over before it is locked itself. A scratch
+    # folder, in which another is made, is locked already.
+    is_scratch = folder.name.endswith(_SCRATCH_END)
+    with nullcontext() if is_scratch else _locked(folder):
+        for left in folder.glob(f"{_SCRATCH_BEGIN}*{_SCRATCH_END}"):
             try:
                 with suppress(FileNotFoundError), _locked(left, wait=False):
                     shutil.rmtree(left, ignore_errors=True)
@@ -353,7 +355,7 @@ def scratch_folder(folder: Path, alone: bool = False) -> Iterator[Path]:
                     got = f"another command is writing into {folder}"
                     expected = "another folder"
                     raise OutputError("output folder", got, expected) from None
-        scratch = Path(tempfile.mkdtemp(_SCRATCH[1], _SCRATCH[0], folder))
+        scratch = Path(tempfile.mkdtemp(_SCRATCH_END, _SCRATCH_BEGIN, folder))
         lock = ExitStack()
         lock.enter_context(_locked(scratch))
     with lock:

@@ -245,7 +245,7 @@ def _tuned(job: Job) -> TunedModel:
             break
     untuned = _measured(as_it_was, attitudes, wanted, held_out=False)
     as_it_is = ModelSetting(AS_IT_IS, (), as_it_was, lambda *_: Texts(""))
-    stays = _Try(as_it_is, before, largest_error(untuned), 0, throws_up=False)
+    stays = _Try(as_it_is, standing=before, error=largest_error(untuned), worse=0, throws_up=False)
     order = _in_order(tries, stays, alike, wanted, job.max_error)
     limit = max(job.max_error, GAINS * largest_error(untuned))
     enough = min(job.max_error, MAX_ERROR)
@@ -381,7 +381,7 @@ def _promise(
     theirs = [measured for asked, measured in launched if asked.pair == request.pair]
     band = min(request.speeds), max(request.speeds)
     bound = float(as_bound(largest_error(theirs)))
-    return Promise(name, 1, wanted, bound, band)
+    return Promise(name, rows=1, curve=wanted, error=bound, speeds=band)
 
 
 def _of_spring(

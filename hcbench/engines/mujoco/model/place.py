@@ -338,7 +338,7 @@ def _from_there(
             backend().mj_integratePos(model, data.qpos, move, -_clear_of(ordered, data, normal))
             contact = TouchSearch(ordered, data, move).contact_at_touch()
         if contact is not None:
-            return _at_touch(ordered, data, joint, move, contact, 0.0)
+            return _at_touch(ordered, data, joint, move, contact, overlap=0.0)
         raise UserError(
             "from",
             f"{ordered.first.name!r} does not meet {ordered.second.name!r} on a way along {_words(normal)}",

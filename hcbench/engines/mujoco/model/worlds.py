@@ -156,7 +156,7 @@ def families(source: Any, requests: Sequence[Request]) -> Iterator[PairWorlds]:
     pairs = pairs_to_tune(model, label_of(source), [[request] for request in requests])
     slides = any(pair.load.slides for pair in pairs)
     if not slides and integrator_name(model) != "RK4":
-        yield PairWorlds(source, pairs, ONE_STEP, _one_step_row, 0.0)
+        yield PairWorlds(source, pairs, ONE_STEP, _one_step_row, impratio=0.0)
     for kind, impedance in (("spring", _SOFT), ("stiff spring", _STIFF)):
         impratio = _impratio(model, pairs, impedance) if slides else 0.0
         for steps in _STEPS:

@@ -146,8 +146,8 @@ def row_choices(
         rounded = replace(load, strength=strength)
         # The fit of rows that pull may end farther from the target than that of rows that do not.
         if adhesive:
-            yield "spring and damper", _fitted(goal, band, rounded, True)
-        yield "spring and damper", _fitted(goal, band, rounded, False)
+            yield "spring and damper", _fitted(goal, band, rounded, adhesive=True)
+        yield "spring and damper", _fitted(goal, band, rounded, adhesive=False)
 
 
 def one_step(e: float, timestep: float) -> Rows:

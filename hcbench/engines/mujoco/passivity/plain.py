@@ -521,7 +521,7 @@ def certify(
     runs: options, one or more.
     train: the longest train of bounces that the target allows; None: none.
     """
-    bounces = Bounces(0.0, 0.0, 0, 0)
+    bounces = Bounces(max_e=0.0, gains_below=0.0, still_bouncing=0, tried=0)
     findings: list[Finding] = []
     sliding: list[Finding] = []
     is_flat = True

@@ -195,7 +195,15 @@ def pushing_row(
     highest[2:] = _NO_DAMPER
     bounds = lowest, highest
     launches = _launches(curve, speeds, (9, 16), (6, 12), (9, 16))
-    fit = RowFit(*launches, gravity * timestep / high, corners, False, False, *bounds)
+    fit = RowFit(
+        *launches,
+        gravity * timestep / high,
+        corners,
+        adhesive=False,
+        rk4=False,
+        lowest=lowest,
+        highest=highest,
+    )
 
     def row(parameters: Floats) -> ConstraintRow:
         spring, _ = fit.rows(parameters, timestep, high)
@@ -246,7 +254,9 @@ def _search(coarse: RowFit, fine: RowFit) -> Floats:
     bounds = fine.lowest, fine.highest
     with search.interrupt_with_best():
         best = evolve(search.recorded(coarse.errors), first, _GENERATIONS, bounds, random)
-        polished = evolve(search.recorded(fine.errors), best[:_BEST], _POLISH, bounds, random, True)
+        polished = evolve(
+            search.recorded(fine.errors), best[:_BEST], _POLISH, bounds, random, towards_best=True
+        )
     return np.asarray(polished[0])
 
 

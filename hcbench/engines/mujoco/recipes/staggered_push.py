@@ -307,7 +307,7 @@ class _LeastSquares:
     def evaluate(self, parameters: Floats) -> tuple[Floats, float]:
         """(weights of the rows that act, misfit)."""
         reference = self.terms.reference(*self.split(parameters))
-        a, weights = combine(reference, self.terms.weights, False, axis=1)
+        a, weights = combine(reference, self.terms.weights, may_pull=False, axis=1)
         return weights, float(np.linalg.norm(self.samples.scaled(a) - self.goal))
 
     def linearised(self, parameters: Floats, weights: Floats) -> tuple[Floats, Floats, Floats]:
@@ -367,7 +367,7 @@ def levenberg_marquardt(samples: Samples, rows: PushingRows, search: Search) -> 
 
 
 # The best ones of many, tried over n, alpha and bands; dampers are for a
-# band of penetrations of 11 to 1.
+# band of penetrations of 11 to 1. Each has dampers, power, highest, from_depth, lowest.
 _GUESSES = [
     InitialGuess(26, 4.0, 0.04, 0.5, 0.25),
     InitialGuess(26, 4.0, 0.10, 0.7, 0.25),

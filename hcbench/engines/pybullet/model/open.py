@@ -399,7 +399,7 @@ def load_files(paths: Sequence[str], packages: Packages = ()) -> LoadedWorld:
         failed.callback(bullet.disconnect)
         bullet.resetSimulation()
         bullet.setPhysicsEngineParameter(**_STARTING_SETTINGS)
-        world = LoadedWorld(bullet, " + ".join(path.name for path in files), True)
+        world = LoadedWorld(bullet, " + ".join(path.name for path in files), disconnect=True)
         for path, restitution in zip(files, unread, strict=True):
             for body in _load(bullet, path, packages):
                 _require_readable(bullet, body, path)
