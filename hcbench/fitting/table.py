@@ -171,7 +171,11 @@ class Table:
         return unit_scale(self.name, self.header[at][0], self.unit_of(at, quantity), quantity)
 
     def _in_si(self, at: int, quantity: str, each: list[float]) -> Floats:
-        """A column's numbers in SI. Raises UserError for one that no measurement has."""
+        """A column's numbers in SI, times of a date from the first. Raises UserError for a number
+        that no measurement has.
+
+        at: number of the column. each: its numbers, in its unit.
+        """
         scale = self._scale(at, quantity)
         values = np.array(each)
         if quantity == "time" and len(values) and values.min() > _OF_A_DATE:

@@ -111,7 +111,7 @@ def files_of(name: str) -> tuple[int, str]:
 
 
 def _backend(name: str) -> Backend:
-    """The package behind an engine. Raises UserError for an engine without one."""
+    """The Python package behind an engine. Raises UserError for an engine that needs none."""
     backend = registry.engine(name).backend
     if backend is None:
         raise UserError(

@@ -498,6 +498,8 @@ def reader(xp: Any) -> Callable[..., tuple[Any, ...]]:
     )
     turned, never, unfinished = map(int, (End.TURNED_BACK, End.NEVER_TOUCHED, End.UNFINISHED))
 
+    # One step of all bodies: each argument is of shape (b,), and so are the fields of `Reading`
+    # that it returns, in their order.
     # Warp compiles these lines too: no helper, no keyword, one assignment a line.
     def add(  # type: ignore[no-untyped-def]
         height_after, rising_after,

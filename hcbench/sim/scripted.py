@@ -329,18 +329,19 @@ def require_motion_at(coordinate: float, timestep: float, fastest: float, bits: 
         )
 
 
-def law_text(law: PythonLaw | None, force: str, each: str) -> str:
-    """A law's numbers in an engine's own lines; "" for none.
+def law_text(law: PythonLaw | None, force: str, by_impact: str) -> str:
+    """A law's numbers in an engine's own lines; "" without a law.
 
-    force: lines with {k}, {n} and {a}, of eq. (16): N/m^n, 1 and s/m, a = (3/2) α.
-    each: with two gaps, for α, s/m, and the reading of e(v).
+    force: lines of eq. (16) with {k}, {n} and {a}: N/m^n, 1 and s/m, a = (3/2) α.
+    by_impact: lines of a law that sets e of each impact, with {} for α, s/m, and {} for the reading
+    of e(v).
     """
     if law is None:
         return ""
     if isinstance(law, HuntCrossley):
         k, n, a = map(shortest, (law.stiffness, law.exponent, 1.5 * law.alpha))
         return force.format(k=k, n=n, a=a)
-    return each.format(shortest(law.alpha), law.reading)
+    return by_impact.format(shortest(law.alpha), law.reading)
 
 
 class BatchWorld(World):
@@ -416,7 +417,7 @@ class ScriptedWorldsEngine(ScriptedEngine[Options]):
     together = 64
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> World:  # type: ignore[override]
-        """The worlds of the script.
+        """`together` copies of the script's world, for launches that touch at up to `fastest` m/s.
 
         Raises SettingError for a step too short for float32, and as `script` does.
         """
@@ -475,12 +476,12 @@ def no_gpu(engine: str, library: str, needed: str) -> CannotRun:
     return CannotRun(f"{engine} device", f"no GPU is visible to {library}", "", advice)
 
 
-def batch_in(memory: int, each: int) -> int:
-    """Copies that half of so much memory has room for.
+def batch_in(memory: int, bytes_of_copy: int) -> int:
+    """Copies of a world that half of `memory`, bytes, has room for; one at least.
 
-    each: bytes that a step needs for one.
+    bytes_of_copy: that a step of one needs.
     """
-    return max(1, memory // (2 * each))
+    return max(1, memory // (2 * bytes_of_copy))
 
 
 def free_memory() -> int:

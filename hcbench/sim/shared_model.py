@@ -258,7 +258,7 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
         return self.bits
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> CopiesWorld:
-        """A scene under a setting.
+        """Copies of a scene under a setting, for launches that touch at up to `fastest` m/s.
 
         Raises SettingError for what it would do otherwise than `model_engine`, for a step too short
         for its numbers and for options that it does not have, and as `copies` does.

@@ -448,7 +448,7 @@ def _listed(text: str, kind: QuantityKind, slot: str) -> list[float]:
         raise QuantityError(slot, f"{text!r} has units at some values only", expected)
     numbers: list[float] = []
     for piece, unit in zip(pieces, units, strict=True):
-        scale = _scale(unit or last, kind, slot, text, 1.5)
+        scale = _scale(unit or last, kind, slot, text, exponent=1.5)
         numbers.extend(_expand(piece["range"], slot, text) * scale)
     return numbers
 

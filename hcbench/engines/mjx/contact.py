@@ -124,6 +124,10 @@ def restitution(model: Any, pairs: Mapping[tuple[str, str], Value]) -> Step:
     MjxEngine.backend.module("mujoco.mjx")
 
     def step(model: Any, data: Any, values: Any = None) -> Any:
+        """MJX's Data after one step of its Model. values: of each pair's law; None: as given.
+
+        Raises UserError for values of another shape.
+        """
         from mujoco import mjx
 
         chosen = defaults if values is None else values
@@ -368,7 +372,11 @@ def _impulses(touch: _Touch, rates: Any, target: Any) -> Any:
     ease = jnp.where(own > 0.0, 1.0 / jnp.where(own > 0.0, own, 1.0), 0.0)
     fastest = jnp.max(jnp.where(acts, jnp.maximum(target - rates[:, 0], 0.0), 0.0))
 
-    def one(i: Any, carry: Any) -> Any:
+    def solve_contact(i: Any, carry: Any) -> Any:
+        """Give contact i the impulse that its law asks for, while those of the others stay.
+
+        carry: (impulses of all, N s; the largest change of a rate so far, m/s).
+        """
         impulse, change = carry
         rate = rates[i] + jnp.einsum("kjl,jl->k", couples[i], impulse)
         normal = jnp.maximum(impulse[i, 0] + (target[i] - rate[0]) * ease[i, 0], 0.0)
@@ -384,7 +392,8 @@ def _impulses(touch: _Touch, rates: Any, target: Any) -> Any:
 
     def sweep(carry: Any) -> Any:
         impulse, _, sweeps = carry
-        impulse, change = jax.lax.fori_loop(0, count, one, (impulse, jnp.zeros_like(fastest)))
+        start = impulse, jnp.zeros_like(fastest)
+        impulse, change = jax.lax.fori_loop(0, count, solve_contact, start)
         return impulse, change, sweeps + 1
 
     def goes_on(carry: Any) -> Any:

@@ -155,8 +155,10 @@ _VELOCITY = 1
 
 @dataclass(frozen=True, slots=True)
 class _Paths:
-    """The states before and after each step, and what was sensed in it, one
-    number of each ball at a time.
+    """States of b balls before the first step and after each of n, and what was sensed in it, SI;
+    its methods return one number of each ball.
+
+    start, path, sensed: as MuJoCo keeps them, of batches of balls.
     """
 
     batch: BatchedModel
@@ -165,7 +167,7 @@ class _Paths:
     sensed: Floats
 
     def state(self, kind: int, i: int) -> Floats:
-        """Shape (b, n + 1).
+        """One number of each ball's state before the first step and after each, (b, n + 1), SI.
 
         kind, i: 0 and 0 ... 6 for positions, 1 and 0 ... 5 for velocities.
         """
@@ -175,14 +177,14 @@ class _Paths:
         return values
 
     def around(self, kind: int, i: int) -> tuple[Floats, Floats | None]:
-        """Before the first step, (b,), and after each, shape (b, n);
-        None where it stays what it is.
+        """One number of each ball before the first step, (b,), and after each, (b, n); None in
+        place of the latter where it never changes. kind, i: as of `state`.
         """
         start = self.start[:, self.batch.at[kind] + i]
         return start, self.batch.columns(self.path, (kind, i), len(start))
 
     def vector(self, kind: int, i: int, count: int = 3) -> Floats:
-        """Several components of a state from `i` on, shape (b, n + 1, count)."""
+        """`count` numbers of a state from `i` on, (b, n + 1, count). kind, i: as of `state`."""
         return np.stack([self.state(kind, k) for k in range(i, i + count)], axis=-1)
 
     def acceleration(self, i: int) -> Floats:
