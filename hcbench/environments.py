@@ -209,7 +209,12 @@ def add(
             version = _version_in(folder, package)
             size = _size(folder)
             made = Environment(
-                engine, version, version_of_python, size, tuple(requirements), folder
+                engine=engine,
+                version=version,
+                python=version_of_python,
+                size=size,
+                requirements=tuple(requirements),
+                folder=folder,
             )
             made.write()
             trial(made)

@@ -315,7 +315,14 @@ def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
         grid = grids.get(key, new)
         grids[key] = replace(grid, alphas=tuple(dict.fromkeys((*grid.alphas, alpha))))
     cuts, starts = _cuts(grids.values())
-    return Plan(study, inputs, records, list(grids.values()), cuts, starts)
+    return Plan(
+        study=study,
+        inputs=inputs,
+        records=records,
+        grids=list(grids.values()),
+        cuts=cuts,
+        starts=starts,
+    )
 
 
 def _inputs(study: Study, engines: Sequence[str], versions: Mapping[str, str]) -> dict[str, Inputs]:

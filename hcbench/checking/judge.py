@@ -119,14 +119,14 @@ def judge(check: Check, measurement: Measurement) -> Outcome:
     verdict, message = _verdict(check, measurement, rows)
     verdict, message = _with_rest(check, measurement, verdict, message)
     return Outcome(
-        check.name,
-        verdict,
-        message,
-        _against(check, rows),
-        check.allowed,
-        rows,
-        worst_of(rows) or rows[0],
-        measurement,
+        name=check.name,
+        verdict=verdict,
+        message=message,
+        against=_against(check, rows),
+        max_error=check.allowed,
+        rows=rows,
+        worst=worst_of(rows) or rows[0],
+        measurement=measurement,
     )
 
 
@@ -314,7 +314,15 @@ def _judge_run(key: Any, impacts: pd.DataFrame, max_error: float, reading: Readi
         message = f"{failed} of {len(impacts)} impacts have no restitution"
     else:
         verdict, message = _within(worst, max_error)
-    return Outcome(name, verdict, message, against, max_error, rows, worst)
+    return Outcome(
+        name=name,
+        verdict=verdict,
+        message=message,
+        against=against,
+        max_error=max_error,
+        rows=rows,
+        worst=worst,
+    )
 
 
 def _rows(impacts: pd.DataFrame, reading: Reading) -> Curve:

@@ -185,22 +185,22 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
     misfit = float(np.sqrt(np.mean(done.fun[inside] ** 2)))
     n = setup.exponent or float(done.x[3])
     return ForceFit(
-        name,
-        "force",
-        math.exp(done.x[0]),
-        n,
-        alpha,
-        covariance,
-        e,
-        u_e,
-        (speed, speed),
-        misfit,
-        _systematic(
+        file=name,
+        kind="force",
+        stiffness=math.exp(done.x[0]),
+        exponent=n,
+        alpha=alpha,
+        covariance=covariance,
+        e=e,
+        e_uncertainty=u_e,
+        speeds=(speed, speed),
+        misfit=misfit,
+        systematic=_systematic(
             done.fun[inside],
             _in_a_row(int(inside.sum())),
             _spread(force[np.logical_not(inside)]) / top,
         ),
-        by_shape,
+        e_by_shape=by_shape,
     )
 
 

@@ -56,7 +56,7 @@ class Reduced:
     columns: (m, p + q + c), the model's columns [own, law, residual and more right-hand sides]
     along its eigenvectors; rest: their Gram matrix across them, of rest_count dimensions.
     turn: (m, m), from ε to those directions.
-    own, law: numbers p and q of the columns of own and of the law's parameters; count: n readings.
+    own, law: numbers p and q of the columns of own and of the law's parameters.
     prior: Gram matrix of what is known before.
     constant: added to the log-likelihood.
     """
@@ -70,7 +70,6 @@ class Reduced:
     constant: float
     own: int
     law: int
-    count: int
 
     def grams(self, scatter: Floats, noise: Floats) -> tuple[Floats, Floats]:
         """Normal matrices (..., p+q+c, p+q+c) and ln det of the covariance (...).
@@ -179,7 +178,15 @@ def reduce(
             constant -= math.log(sd)
     rest = across.T @ across
     return Reduced(
-        size, along, rest, len(columns) - size.size, turn, prior, constant, p, q, len(columns)
+        size=size,
+        columns=along,
+        rest=rest,
+        rest_count=len(columns) - size.size,
+        turn=turn,
+        prior=prior,
+        constant=constant,
+        own=p,
+        law=q,
     )
 
 

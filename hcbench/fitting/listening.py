@@ -370,11 +370,11 @@ class _Heard:
             scatter = self.fit.scatter
             alpha = alpha_of(self.plain(), self.fit)
         return Picks(
-            self.begin + times,
-            self.numbers,
-            level,
-            self.band.frequency,
-            self.train.score,
-            scatter,
-            alpha,
+            times=self.begin + times,
+            numbers=self.numbers,
+            level=level,
+            band=self.band.frequency,
+            score=self.train.score,
+            scatter=scatter,
+            alpha=alpha,
         )

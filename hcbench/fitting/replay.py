@@ -154,7 +154,14 @@ def _made_up(scene: Replay, touches: TouchTimes) -> Replay:
         law = dataclasses.replace(tuned.target.law, alpha=alpha + step)
         setting = tuned.recipe(dataclasses.replace(tuned.target, law=law), None)
         shown, *others = _trains(tuned.scene, setting, touches, scene.recorded)
-        now = Replay(tuned, scene.recorded, shown, setting, tuple(others), law.alpha)
+        now = Replay(
+            tuned=tuned,
+            recorded=scene.recorded,
+            simulated=shown,
+            setting=setting,
+            others=tuple(others),
+            alpha=law.alpha,
+        )
         if now.error < best.error:
             best = now
         slope = (now.lateness - before.lateness) / step
@@ -205,7 +212,16 @@ def target_of(
         return Target(law, scene.mass, timestep, low, high, gravity=gravity)
     sampled = np.linspace(low, high, _POINTS)
     points = tuple((float(v), min(1.0, curve.at(float(v)))) for v in sampled)
-    return Target(law, scene.mass, timestep, low, high, "points", points, gravity=gravity)
+    return Target(
+        law=law,
+        mass=scene.mass,
+        timestep=timestep,
+        speed_min=low,
+        speed_max=high,
+        reading="points",
+        points=points,
+        gravity=gravity,
+    )
 
 
 def _trains(

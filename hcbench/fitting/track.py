@@ -255,7 +255,15 @@ def track_of(name: str, setup: MeasurementSetup, times: Floats, heights: Floats)
         is_begun = times > touches[0]
         drop = None
     kept = is_begun & (times < end)
-    return Track(name, setup, times[kept], heights[kept], np.array(touches), floor, drop)
+    return Track(
+        name=name,
+        setup=setup,
+        times=times[kept],
+        heights=heights[kept],
+        touch_times=np.array(touches),
+        floor=floor,
+        drop=drop,
+    )
 
 
 def _require_scale(

@@ -232,14 +232,14 @@ def _impact(model: ModelUnderTest, launches: Sequence[Launch]) -> ContactImpact:
         ratio = damping / (2.0 * math.sqrt(stiffness * facts.effective_mass))
     parted = [impact for impact in impacts if impact.status is Status.PARTED]
     return ContactImpact(
-        _point(impacts),
-        _mean([impact.duration for impact in parted]),
-        _mean([impact.penetration_max for impact in impacts]),
-        _mean([impact.force_max for impact in impacts]),
-        stiffness,
-        damping,
-        ratio,
-        misfit,
+        point=_point(impacts),
+        duration=_mean([impact.duration for impact in parted]),
+        penetration=_mean([impact.penetration_max for impact in impacts]),
+        force=_mean([impact.force_max for impact in impacts]),
+        stiffness=stiffness,
+        damping=damping,
+        damping_ratio=ratio,
+        misfit=misfit,
     )
 
 

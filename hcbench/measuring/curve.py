@@ -252,7 +252,7 @@ def curve_of_columns(
     rows = by_phase[counts[by_phase]]
     known, starts, sizes = np.unique(group[rows], return_index=True, return_counts=True)
     share = step_shares(phase[rows], starts)
-    phases = _Phases(count, rows, known, starts, sizes, share)
+    phases = _Phases(count=count, rows=rows, known=known, starts=starts, sizes=sizes, share=share)
 
     e = restitution[rows]
     error = e - target[rows]

@@ -475,7 +475,14 @@ def _minimal_fixes(fixes: Sequence[Suspect], trials: _Trials, allowed: float) ->
 
 
 def _cause(suspect: Suspect, alone: float = math.nan, without: float = math.nan) -> Cause:
-    return Cause(suspect.code, suspect.title, suspect.evidence, suspect.fix, alone, without)
+    return Cause(
+        code=suspect.code,
+        title=suspect.title,
+        evidence=suspect.evidence,
+        fix=suspect.fix,
+        alone=alone,
+        without=without,
+    )
 
 
 def _summary(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -> str:

@@ -173,7 +173,16 @@ def measure(
     if rest:
         most = RestLimits() if diagnose else ANY_REST
     request = request_for(make_request(pair, **launch), launch.get("speeds"), known)
-    job = Job(model, engine, request, goal, tolerance, diagnose, rest=most, contact=contact)
+    job = Job(
+        source=model,
+        engine=engine,
+        request=request,
+        wanted=goal,
+        tolerance=tolerance,
+        diagnose=diagnose,
+        rest=most,
+        contact=contact,
+    )
     return run_job(_measured, job, read_limit(limit))
 
 

@@ -65,12 +65,12 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
     attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(angle), 1))
     nothing = np.full_like(velocity, np.nan)
     return MeasuredBounces(
-        np.arange(len(angle), dtype=np.float64),
-        attitude,
-        velocity,
-        np.zeros_like(velocity),
-        nothing,
-        nothing,
+        numbers=np.arange(len(angle), dtype=np.float64),
+        attitude=attitude,
+        velocity=velocity,
+        spin=np.zeros_like(velocity),
+        velocity_after=nothing,
+        spin_after=nothing,
     )
 
 

@@ -98,7 +98,12 @@ def read(path: Path) -> MeasuredBounces:
     attitude = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
     unknown = np.full((count, 3), np.nan)
     return MeasuredBounces(
-        numbers[good], attitude, before[good], spin_before[good], after[good], unknown
+        numbers=numbers[good],
+        attitude=attitude,
+        velocity=before[good],
+        spin=spin_before[good],
+        velocity_after=after[good],
+        spin_after=unknown,
     )
 
 

@@ -373,7 +373,14 @@ def _starts(data: str, folder: Path | None) -> Iterator[Cell]:
             continue
         for i in range(STARTS):
             start = tuple(parameter.starts[i] for parameter in setting.parameters)
-            yield Cell(data, engine, setting.key, start, module.TRAINING, folder)
+            yield Cell(
+                data=data,
+                engine=engine,
+                setting=setting.key,
+                values=start,
+                parts=module.TRAINING,
+                folder=folder,
+            )
 
 
 def search(cell: Cell) -> list[tuple[Floats, float]]:

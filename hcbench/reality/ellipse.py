@@ -176,7 +176,14 @@ def outcome(
     attitude = quaternions(Rotation.from_rotvec(np.stack([zero, impacts.angle, zero], axis=1)))
     velocity = np.stack([x, zero, z], axis=1)
     spin = np.stack([zero, spin_y, zero], axis=1)
-    bounces = MeasuredBounces(impacts.numbers, attitude, velocity, spin, velocity, spin)
+    bounces = MeasuredBounces(
+        numbers=impacts.numbers,
+        attitude=attitude,
+        velocity=velocity,
+        spin=spin,
+        velocity_after=velocity,
+        spin_after=spin,
+    )
     later, turned = bounced(module, setting, values, body(), bounces, TIMESTEP, DURATION)
     away = errors(impacts, np.stack([later[:, 0], later[:, 2], turned[:, 1]], axis=1))
     return SettingErrors(away, away)

@@ -93,7 +93,15 @@ def slope_of(name: str, speed: Floats, e: Floats, constant: str) -> Slope:
         slopes.append(np.polyfit(speed[drawn], e[drawn], 1)[0])
     low, high = np.percentile(slopes, [2.5, 97.5])
     slope = float(np.polyfit(speed, e, 1)[0])
-    return Slope(name, len(e), float(np.median(e)), slope, float(low), float(high), constant)
+    return Slope(
+        of=name,
+        n=len(e),
+        e=float(np.median(e)),
+        slope=slope,
+        low=float(low),
+        high=float(high),
+        constant=constant,
+    )
 
 
 def cube_slopes(

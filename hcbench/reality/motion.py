@@ -138,7 +138,12 @@ def motion(number: int, body: Body, time: Floats, position: Floats, quaternion: 
     flight = max(int(np.argmax(is_low)), 3) if is_low.any() else len(time)
     n = min(flight, MOST_FLIGHT)
     return Motion(
-        number, time, position, quaternion, flight, _start(time[:n], position[:n], quaternion[:n])
+        number=number,
+        time=time,
+        position=position,
+        quaternion=quaternion,
+        flight=flight,
+        start=_start(time[:n], position[:n], quaternion[:n]),
     )
 
 
@@ -312,9 +317,13 @@ class MeasuredBounces:
     def of(self, keep: NDArray[np.bool_]) -> "MeasuredBounces":
         """The bounces that a mask keeps."""
         return MeasuredBounces(
-            self.numbers[keep], self.attitude[keep], self.velocity[keep], self.spin[keep],
-            self.velocity_after[keep], self.spin_after[keep],
-        )  # fmt: skip
+            numbers=self.numbers[keep],
+            attitude=self.attitude[keep],
+            velocity=self.velocity[keep],
+            spin=self.spin[keep],
+            velocity_after=self.velocity_after[keep],
+            spin_after=self.spin_after[keep],
+        )
 
 
 def bounced(

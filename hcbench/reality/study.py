@@ -91,7 +91,16 @@ def of_outcome(
     turned = None if outcome.rotations is None else float(np.degrees(outcome.rotations.mean()))
     mean = float(outcome.errors.mean())
     return SettingScore(
-        data, engine, setting, cone, mean, low, high, SETS[data].UNIT, turned, len(outcome.errors)
+        set=data,
+        engine=engine,
+        setting=setting,
+        cone=cone,
+        error=mean,
+        error_low=low,
+        error_high=high,
+        unit=SETS[data].UNIT,
+        rotation_deg=turned,
+        n=len(outcome.errors),
     )
 
 
@@ -184,7 +193,12 @@ class RealityRequest:
     ) -> Cell:
         """A setting on the parts to judge."""
         return Cell(
-            data, engine, setting.key, values, parts_of(data, self.part), self.folders.get(data)
+            data=data,
+            engine=engine,
+            setting=setting.key,
+            values=values,
+            parts=parts_of(data, self.part),
+            folder=self.folders.get(data),
         )
 
 
@@ -401,8 +415,22 @@ def _impacts(
         if known:
             _e, friction = known
         cells = [
-            Cell("cube", engine, constant.key, (TWIN_E, friction), parts, folder),
-            Cell("cube", engine, falling.key, (TWIN_ALPHA, friction), parts, folder),
+            Cell(
+                data="cube",
+                engine=engine,
+                setting=constant.key,
+                values=(TWIN_E, friction),
+                parts=parts,
+                folder=folder,
+            ),
+            Cell(
+                data="cube",
+                engine=engine,
+                setting=falling.key,
+                values=(TWIN_ALPHA, friction),
+                parts=parts,
+                folder=folder,
+            ),
         ]
         of_constant, of_falling = run_each(pool, _read_twins, cells)
         twins = {evidence.CONSTANT_E: of_constant, evidence.ALPHA: of_falling}

@@ -104,7 +104,13 @@ class Launches(Columns[Launch]):
     @classmethod
     def of_table(cls, table: Floats) -> Launches:
         """Launches from a table of all their columns, shape (n, 8)."""
-        return cls(table[:, 0], table[:, 1], table[:, 2], table[:, 3:5], table[:, 5:])
+        return cls(
+            speed=table[:, 0],
+            phase=table[:, 1],
+            height=table[:, 2],
+            slip=table[:, 3:5],
+            spin=table[:, 5:],
+        )
 
     @classmethod
     def touching(
@@ -132,7 +138,9 @@ class Launches(Columns[Launch]):
         slips = np.zeros((count, 2))
         slips[:, 0] = slip
         if gravity <= 0.0:
-            return cls(speed, phase, np.full(count, np.nan), slips, spins)
+            return cls(
+                speed=speed, phase=phase, height=np.full(count, np.nan), slip=slips, spin=spins
+            )
         gain = gravity * timestep  # m/s a step
         steps = np.minimum(steps_most, np.floor(speed / gain - share - phase))
         # Launched so many steps before the touch.
@@ -144,7 +152,7 @@ class Launches(Columns[Launch]):
         fallen = np.maximum(0.0, speed * speed - (share * gain) * (share * gain))
         start = np.where(falls, 0.0, start)
         height = np.where(falls, fallen / (2.0 * gravity), height)
-        return cls(start, phase, height, slips, spins)
+        return cls(speed=start, phase=phase, height=height, slip=slips, spin=spins)
 
     def __len__(self) -> int:
         return len(self.speed)

@@ -128,7 +128,14 @@ def rest_of(
     drift = math.nan
     if along is not None:
         drift = float(np.linalg.norm(np.polyfit(time[last], along[last], 1)[0]))
-    return Rest(float(penetration[last].max()), sinking, vibration, decay, noise, drift)
+    return Rest(
+        penetration=float(penetration[last].max()),
+        sinking=sinking,
+        vibration=vibration,
+        decay=decay,
+        force_noise=noise,
+        drift=drift,
+    )
 
 
 def last_half(path: Floats) -> Floats:

@@ -108,11 +108,23 @@ def along_plate(impact: Impact) -> AlongPlate:
         _, spin_in, _ = motion.spin_in
         _, spin_out, _ = motion.spin_out
         return AlongPlate(
-            slip_in, slip_out, spin_in, spin_out, motion.impulse_ratio, motion.energy_lost
+            slip_in=slip_in,
+            slip_out=slip_out,
+            spin_in=spin_in,
+            spin_out=spin_out,
+            impulse_ratio=motion.impulse_ratio,
+            energy_lost=motion.energy_lost,
         )
     if impact.launch.is_oblique or not impact.is_measured:
         return AlongPlate(*(np.nan,) * 6)
-    return AlongPlate(0.0, 0.0, 0.0, 0.0, 0.0, impact.energy_lost)
+    return AlongPlate(
+        slip_in=0.0,
+        slip_out=0.0,
+        spin_in=0.0,
+        spin_out=0.0,
+        impulse_ratio=0.0,
+        energy_lost=impact.energy_lost,
+    )
 
 
 def tangential_of(

@@ -127,16 +127,24 @@ class Launch:
         Raises QuantityError as `Launch`.
         """
         if gravity <= 0.0:
-            return cls(speed, phase, None, slip, spin)
+            return cls(speed=speed, phase=phase, height=None, slip=slip, spin=spin)
         # Speed that gravity gives in a step, m/s.
         gain = gravity * timestep
         steps = min(steps_most, math.floor(speed / gain - share - phase))
         if steps < 0:
             fallen = max(0.0, speed * speed - (share * gain) * (share * gain))
-            return cls(0.0, phase, fallen / (2.0 * gravity), slip, spin)
+            return cls(
+                speed=0.0, phase=phase, height=fallen / (2.0 * gravity), slip=slip, spin=spin
+            )
         start = max(0.0, speed - gain * (steps + phase + share))
         flight = timestep * (steps + phase)
-        return cls(start, phase, flight * (speed - 0.5 * gravity * flight), slip, spin)
+        return cls(
+            speed=start,
+            phase=phase,
+            height=flight * (speed - 0.5 * gravity * flight),
+            slip=slip,
+            spin=spin,
+        )
 
     @classmethod
     def at_angle(
@@ -160,7 +168,13 @@ class Launch:
         # From 90 deg on the tangent has the other sign. NaN fails, too.
         if not abs(rounded) < math.pi / 2.0:
             raise QuantityError("angle", f"{angle!r} rad", "between -90 and 90 deg from the normal")
-        return cls(speed, phase, height, (speed * math.tan(rounded), 0.0), spin)
+        return cls(
+            speed=speed,
+            phase=phase,
+            height=height,
+            slip=(speed * math.tan(rounded), 0.0),
+            spin=spin,
+        )
 
     @property
     def at_any_phase(self) -> Launch:

@@ -162,7 +162,14 @@ def find_answer(
     if target.friction and scene.form == "plane":
         scene = replace(scene, ball_radius=scene.relative_radius, plate_radius=math.inf)
     require_end(target)
-    finder = _Finder(engine, target, scene, integrator, max_error, pair)
+    finder = _Finder(
+        engine=engine,
+        target=target,
+        scene=scene,
+        integrator=integrator,
+        max_error=max_error,
+        pair=pair,
+    )
     if recipe != "auto":
         named = finder.named(recipe)
         return _answered(finder, asked, [named], named)
@@ -218,15 +225,15 @@ def _answered(
     if named is not None and named not in advised and named.tuned is not None:
         never.append(Never(named.setting.name, named.tuned.flaws))
     return Answer(
-        finder.engine,
-        finder.target,
-        finder.scene,
-        finder.pair,
-        asked,
-        tuple(advised),
-        tuple(never),
-        named,
-        finder.left_out,
+        engine=finder.engine,
+        target=finder.target,
+        scene=finder.scene,
+        pair=finder.pair,
+        asked=asked,
+        choices=tuple(advised),
+        never=tuple(never),
+        named=named,
+        left_out=finder.left_out,
     )
 
 
@@ -364,18 +371,18 @@ class _Finder:
             promise = self._promise(setting, tuned.error, band, tuned.passivity)
             text = self._adapter.promised(text, self.pair, promise)
         return Choice(
-            kind,
-            setting,
-            text,
-            tuned.error,
-            band,
-            tuned.max_e,
-            tuned.passivity,
-            tuned.rests,
-            self._adapter.needs(setting),
-            tuned.recipe.notes,
-            tuned,
-            promise,
+            kind=kind,
+            setting=setting,
+            text=text,
+            max_error=tuned.error,
+            speeds=band,
+            max_e=tuned.max_e,
+            passivity=tuned.passivity,
+            rests=tuned.rests,
+            needs=self._adapter.needs(setting),
+            notes=tuned.recipe.notes,
+            tuned=tuned,
+            promise=promise,
         )
 
     def _promise(
@@ -402,16 +409,16 @@ class _Finder:
             # An engine whose settings have no rows has one contact for a pair.
             contacts = max(rows, 1)
         return Promise(
-            setting.name,
-            contacts,
-            curve,
-            error,
-            band,
-            self._adapter.model_options(setting),
-            target.gravity,
+            setting=setting.name,
+            rows=contacts,
+            curve=curve,
+            error=error,
+            speeds=band,
+            option=self._adapter.model_options(setting),
+            gravity=target.gravity,
             # A plug-in keeps the friction of the geoms.
-            target.friction if rows else math.nan,
-            corners,
+            friction=target.friction if rows else math.nan,
+            corners=corners,
         )
 
     def _bounces(self, setting: Setting, band: tuple[float, float]) -> bool:
@@ -485,16 +492,16 @@ class _Finder:
         promise = self._promise(setting, error, band, passivity)
         text = self._adapter.snippet(setting, self.scene.form, self.pair)
         return Choice(
-            "exact",
-            setting,
-            self._adapter.promised(text, self.pair, promise),
-            error,
-            band,
-            max_e,
-            passivity,
-            passivity is None or passivity.bounces.passive,
-            (*self._adapter.needs(setting), *_above(low, target.speed_min)),
-            recipe.notes,
+            kind="exact",
+            setting=setting,
+            text=self._adapter.promised(text, self.pair, promise),
+            max_error=error,
+            speeds=band,
+            max_e=max_e,
+            passivity=passivity,
+            rests=passivity is None or passivity.bounces.passive,
+            needs=(*self._adapter.needs(setting), *_above(low, target.speed_min)),
+            notes=recipe.notes,
             promise=promise,
         )
 

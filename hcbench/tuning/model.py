@@ -240,7 +240,16 @@ def _tuned(job: Job) -> TunedModel:
             # Few launches may have missed the worst.
             pairs = _measured(setting.open, attitudes, wanted, held_out=True)
             error = max(error, largest_error(pairs))
-        tries.append(_Try(setting, after, error, worse, after.throws_up(before), pairs))
+        tries.append(
+            _Try(
+                setting=setting,
+                standing=after,
+                error=error,
+                worse=worse,
+                throws_up=after.throws_up(before),
+                pairs=pairs,
+            )
+        )
         if error <= job.max_error and not worse:
             break
     untuned = _measured(as_it_was, attitudes, wanted, held_out=False)
@@ -259,14 +268,14 @@ def _tuned(job: Job) -> TunedModel:
     launched = list(zip(alike, pairs, strict=True))
     promises = [_promise(setting.name, request, wanted, launched) for request in requests]
     return TunedModel(
-        setting.name,
-        setting.texts(promises, job.output),
-        tuple(notes),
-        pairs,
-        untuned,
-        before,
-        best.standing,
-        enough,
+        name=setting.name,
+        texts=setting.texts(promises, job.output),
+        notes=tuple(notes),
+        pairs=pairs,
+        untuned=untuned,
+        before=before,
+        after=best.standing,
+        enough=enough,
         landing=best.landing,
     )
 

@@ -127,7 +127,17 @@ def make_tuned(
     advice += tuple(
         _advice(target, scene, evaluation, rest, recipe, registry.preferred(recipe.engine))
     )
-    return Tuned(target, scene, recipe, setting, evaluation, rest, passivity, why, advice)
+    return Tuned(
+        target=target,
+        scene=scene,
+        recipe=recipe,
+        setting=setting,
+        evaluation=evaluation,
+        rest=rest,
+        passivity=passivity,
+        why=why,
+        advice=advice,
+    )
 
 
 def _judged_elsewhere(adapter: Engine, setting: Setting, target: Target) -> str:

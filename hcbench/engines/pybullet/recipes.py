@@ -126,7 +126,14 @@ class FittedImpacts:
         at = target.speed_min + (target.speed_max - target.speed_min) * share
         grid = np.meshgrid(at, (np.arange(phases) + 0.5) / phases, indexing="ij")
         speed, phase = (axis.ravel() for axis in grid)
-        return cls(speed, phase, target.mass, h, target.gravity, int(1.25 * longest / h) + 6)
+        return cls(
+            speeds=speed,
+            phases=phase,
+            mass=target.mass,
+            h=h,
+            g=target.gravity,
+            steps=int(1.25 * longest / h) + 6,
+        )
 
     def restitution(self, contacts: Contacts) -> Floats:
         """e as Bullet delivers it, shape (b, n), of contacts of shape (b, rows)."""

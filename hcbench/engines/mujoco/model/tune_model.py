@@ -274,7 +274,9 @@ def _searched(
         if len(alike) > 1:
             launched += alike[-1].opened
         set_rows = _row_setter(plain, pairs, rows_of, like)
-        search = RowSearch(spec, launched, goal, alike[0].band, was, set_rows)
+        search = RowSearch(
+            spec=spec, opened=launched, goal=goal, band=alike[0].band, was=was, set_rows=set_rows
+        )
         rows_of[like] = search.best(adhesive)
     return rows_of
 

@@ -103,7 +103,14 @@ class Load:
         )
         points = len(place.contact.rows)
         strength = points / (mobility * place.effective_mass) if mobility > 0 else 1.0
-        return cls(strength, points, place.gravity, timestep, rk4, slides)
+        return cls(
+            strength=strength,
+            points=points,
+            gravity=place.gravity,
+            timestep=timestep,
+            rk4=rk4,
+            slides=slides,
+        )
 
 
 def estimated_mobility(model: object, first: int, second: int) -> float:

@@ -397,13 +397,13 @@ def tried(scene: Scene, setting: Setting) -> tuple[Contact, list[Stepping]]:
     written = options.attributes(repr)
     integrator = written.pop("integrator", "Euler")
     contact = Contact(
-        setting.timestep,
-        scene.gravity or STANDARD_GRAVITY,
-        written,
-        partial(_pasted, options),
-        scene.touch_radius,
-        scene.gravity,
-        scene.friction,
+        timestep=setting.timestep,
+        gravity=scene.gravity or STANDARD_GRAVITY,
+        option=written,
+        text=partial(_pasted, options),
+        radius=scene.touch_radius,
+        falls=scene.gravity,
+        friction=scene.friction,
     )
     cones: tuple[str, ...] = _CONES
     if options.cone:

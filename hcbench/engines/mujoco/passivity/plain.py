@@ -221,7 +221,14 @@ def _findings(contact: Contact, options: Stepping, body: _ThrownBody) -> Iterato
         path = _followed(thrown, body, velocity, _THROWN_S, 2.4 * contact.timestep * speed)
         grew = max(grew, path.grew)
     throws = len(_THROWS) * len(_MOTIONS)
-    yield Finding(f"energy of a {body.name}, thrown", under, grew, MOST_ENERGY, "x energy", throws)
+    yield Finding(
+        name=f"energy of a {body.name}, thrown",
+        under=under,
+        value=grew,
+        limit=MOST_ENERGY,
+        unit="x energy",
+        tried=throws,
+    )
     if not body.lies:
         return
     laid = {"sliding": (_SLIDES, 0, 0, 0, 0, 0), "spinning": (0, 0, 0, *_upright_spin(body))}

@@ -183,15 +183,15 @@ class RowFit:
         # In MuJoCo's reference k = K d/dmax² and b = D/dmax; the spring has d = dmax = dmin.
         weight = self.corners * _WEIGHT / MIN_IMPEDANCE
         return _Rows(
-            weight * stiffness,
-            weight * spring_damping,
-            damping / dmax,
-            dmax,
-            width,
-            midpoint,
+            stiffness=weight * stiffness,
+            damping=weight * spring_damping,
+            damper=damping / dmax,
+            dmax=dmax,
+            width=width,
+            midpoint=midpoint,
             # Of the impedance's two branches, up to the midpoint and from it on
-            (dmax - MIN_IMPEDANCE) * (1.0 / midpoint ** (POWER - 1.0)),
-            (dmax - MIN_IMPEDANCE) * (1.0 / (1.0 - midpoint) ** (POWER - 1.0)),
+            rise=(dmax - MIN_IMPEDANCE) * (1.0 / midpoint ** (POWER - 1.0)),
+            level=(dmax - MIN_IMPEDANCE) * (1.0 / (1.0 - midpoint) ** (POWER - 1.0)),
         )
 
     def _simulate(self, numbers: tuple[Floats, ...]) -> tuple[Floats, Floats]:

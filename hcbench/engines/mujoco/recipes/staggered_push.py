@@ -126,7 +126,7 @@ def sample(band: Band, speeds: Floats, points: int) -> Samples:
             sensitivity[i, start : start + points] = of_branch
             columns.append((x, v + band.lag * a, a, scale))
     x, v, a, scale = (np.concatenate(column) for column in zip(*columns, strict=True))
-    return Samples(x, v, a, scale, sensitivity, speeds)
+    return Samples(x=x, v=v, a=a, scale=scale, sensitivity=sensitivity, speeds=speeds)
 
 
 @dataclass(frozen=True)

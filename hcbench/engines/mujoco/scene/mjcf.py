@@ -117,7 +117,13 @@ def read_options(options: Mapping[str, Any]) -> Options:
     if table.friction and (law is None or not is_force(law)):
         raise SettingError("mujoco option 'friction'", "given without a force law", "one")
     return Options(
-        table.integrator, rows, law, table.cone, table.impratio, table.friction, table.corners
+        integrator=table.integrator,
+        rows=rows,
+        law=law,
+        cone=table.cone,
+        impratio=table.impratio,
+        friction=table.friction,
+        corners=table.corners,
     )
 
 
