@@ -144,6 +144,7 @@ class _Gathering:
         self._scored = set(study["loop_speeds"])
         self._tally = scoring.Tally(self._law, self._mass)
         self._folder = Folder(study)
+        # Impacts that wait until they are enough, and for the rest of their speed.
         self._waiting: list[_Columns] = []
         self._loops: dict[_Launched, Loop] = {}
 

@@ -51,7 +51,8 @@ def rivals_in_air(
     fits: Mapping[str, LawFit],
     widths: Sequence[Floats],
 ) -> AirRivals:
-    """The rivals of a fit in a vacuum; none for a given ball, for single impacts, or a large α.
+    """The fits in air that rival those in a vacuum: a constant e, and a smaller α; none for a given
+    ball, for single impacts, or a large α.
 
     fits: of all laws, in a vacuum. widths: per data set (m,), of each e's scatter over s_e.
     """

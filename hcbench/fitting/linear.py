@@ -316,6 +316,7 @@ class NoiseLikelihood:
     """Likelihood of a law's parameters δ over a grid of noise, for each data set.
 
     outer: (k, l, q+1, q+1) matrices S; offset: (k, l).
+    prior_scatter, prior_noise: ln of the priors of s_e and of each data set's s_m over the grid.
     """
 
     grid: NoiseGrid
@@ -451,6 +452,7 @@ def quantiles(values: Floats, weight: Floats, shares: Sequence[float]) -> list[f
 class LawFit:
     """One law about its most likely parameters.
 
+    reference: speed, m/s, at which the law's first parameter is ln e.
     own, latent, models, reduced: a data set each; latent: relative changes of each e, and in the
     models divided by `width`, how much wider than s_e each scatters.
     log_evidence: ln of the marginal likelihood, parameters and noise integrated out.

@@ -296,12 +296,10 @@ _BACK = 1.5
 
 @dataclass(frozen=True, slots=True)
 class MeasuredBounces:
-    """Velocities (m/s) and spins (rad/s) at the touch, before and after,
-    shape (n, 3), and attitudes (n, 4).
+    """Bounces of one body, as they were measured; what was not measured after is NaN.
 
-    What was not measured after is NaN.
-
-    numbers: which of the data set, shape (n,).
+    numbers: which of the data set, shape (n,). attitude: quaternions w first at the touch, (n, 4).
+    velocity, spin: before the touch, m/s and rad/s, (n, 3); velocity_after, spin_after: after it.
     """
 
     numbers: Floats

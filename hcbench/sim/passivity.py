@@ -244,6 +244,8 @@ class DropReader:
     allowed: rebound speeds at the end that the target allows, m/s, one for each drop.
     reading: which energy the integrator keeps.
     max_e: largest e so far. gains_below: highest speed so far, m/s, at which one gained energy.
+    _last: penetration, m, and rate, m/s, in each drop's last step. _speed_in, _speed_out: of each
+    drop's last impact, m/s. _parted: the step in which it ended. _steps: read so far.
     """
 
     timestep: float

@@ -127,6 +127,7 @@ class RemoteEngine(Wrapped):
         super().__init__(adapter, name)
         self.environment = environment
         self.interpreter = interpreter(environment)
+        # Time for one launch, s, after which an engine that may hang counts as hung.
         self.limit: float = getattr(adapter, "limit", 0.0)
         self._hangs: bool = getattr(adapter, "own_process", False)
 

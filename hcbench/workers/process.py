@@ -90,6 +90,7 @@ class Worker:
 
     def __init__(self, interpreter: Interpreter | None = None) -> None:
         self._interpreter = interpreter
+        # Workers beside this one that other interpreters run; they end with it.
         self._others = dict[Interpreter, Worker]()
         self._process: subprocess.Popen[bytes] | Fork | None = None
         self.reset_after_fork()

@@ -73,6 +73,7 @@ class DrakeModel(ModelUnderTest):
         measured.
         """
         _require_normal_launches(request)
+        # To make the model again with other changes.
         self._given = drake, version, source, request
         self._version = version
         self._changes = dict(changes)

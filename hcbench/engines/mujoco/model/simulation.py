@@ -85,6 +85,7 @@ class MujocoFlight:
         # True under RK4: then a step, `_last`, is read once the one after it is known.
         self._staged = space.free is not None
         self._last: _Step | None = None
+        # Change of the rate in a step, as a share of it, up to which it is round-off.
         self._noise = _STAGE_NOISE
         # The same step without a contact, where a plug-in's law turns the pair back.
         self._beside = space.beside

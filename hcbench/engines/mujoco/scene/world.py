@@ -517,7 +517,9 @@ class MujocoSimulation(Simulation):
         self._states = states_at_release(pool.model, launches)
         off_axis = pool.model.scene.off_axis > 0.0
         self._leaves_axis = off_axis or bool(Launches.of(launches).is_oblique.any())
+        # True once MuJoCo gave up on a whole batch: from then on each launch is alone.
         self._alone = False
+        # Balls in a model now, and steps taken.
         self._size = 0
         self._steps = 0
 
