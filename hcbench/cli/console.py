@@ -437,13 +437,18 @@ def progress(what: str) -> Iterator[Callable[[int, int], None]]:
     )
     with Progress(*columns, console=console, transient=True, speed_estimate_period=120.0) as bar:
         task = bar.add_task(what, total=None, rate="", count="")
-        first: list[tuple[float, int]] = []
+        # When the first call came, s of time.monotonic, and how much was done then.
+        begin: float | None = None
+        done_before = 0
 
         def tick(done: int, total: int) -> None:
             """Move the bar to `done` of `total`; the rate is that since the first call."""
-            first[:] = first or [(time.monotonic(), done)]
-            elapsed = time.monotonic() - first[0][0]
-            new = done - first[0][1]
+            nonlocal begin, done_before
+            if begin is None:
+                begin = time.monotonic()
+                done_before = done
+            elapsed = time.monotonic() - begin
+            new = done - done_before
             rate = f"{new / elapsed:,.0f}/s" if new else ""
             bar.update(task, completed=done, total=total, count=f"{done}/{total}", rate=rate)
             if done >= total:

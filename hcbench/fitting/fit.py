@@ -31,6 +31,7 @@ from hcbench.fitting.result import DropResult, FitResult
 from hcbench.fitting.table import computed
 from hcbench.fitting.track import scale_warnings
 from hcbench.fitting.which_law import (
+    EITHER,
     FAMILY,
     LAWS,
     PLAIN,
@@ -440,7 +441,7 @@ def _with_numbers(
     drops = _OverDrops(alpha=None, between=None, odd=[])
     if laws & set(FAMILY):
         drops = _alpha_of_drops(result, whole, each, used)
-    if laws & set(FAMILY[1:]):
+    if laws & {WITH_E0, EITHER}:
         e0 = estimate_of(whole.fits[WITH_E0], "e0")
     if "constant" in laws:
         restitution, share, odd = _constant(whole, used)

@@ -138,7 +138,7 @@ def explorer_data(by_gravity: Views) -> dict[str, Any]:
     for shown in by_gravity.shown:
         answers += [_answer(shown, answer) for answer in answered(shown)]
         runs += _runs(shown, loops, texts)
-        heads[shown.gravity] = tables.HEADS[shown.gravity > 0]
+        heads[shown.gravity] = tables.heads(shown.gravity)
         fastest = max(fastest, float(shown.band[1]))
     of_answers = list(map(operator.itemgetter(*_WHERE), answers))
     start = _start(of_answers or ran, view)

@@ -201,10 +201,20 @@ _CLAIMS = {
     "sharp_at_origin": "ends sharply",
     "cubic_loss": "loss as the law's",
 }
-HEADS = {
-    True: ("deepest in a bounce", "penetration at rest"),
-    False: ("steps in contact", "loop, rms of force", "p of ΔE ∝ vᵖ", *_CLAIMS.values()),
-}
+_HEADS_OF_DROPS = ("deepest in a bounce", "penetration at rest")
+_HEADS_OF_CONTACTS = (
+    "steps in contact",
+    "loop, rms of force",
+    "p of ΔE ∝ vᵖ",
+    *_CLAIMS.values(),
+)
+
+
+def heads(gravity: float) -> tuple[str, ...]:
+    """Heads of the columns of numbers in `ranking` under a gravity, m/s²."""
+    if gravity > 0:
+        return _HEADS_OF_DROPS
+    return _HEADS_OF_CONTACTS
 
 
 def rankings(by_gravity: Views) -> list[Cells]:
@@ -214,7 +224,7 @@ def rankings(by_gravity: Views) -> list[Cells]:
 
 def ranking(view: View, with_gravity: View | None = None) -> list[Cells]:
     """Runs over a band, best first; their error for each α, numbers under
-    `HEADS` of the gravity, a verdict. Those that lack something under gravity come last.
+    `heads` of the gravity, a verdict. Those that lack something under gravity come last.
 
     with_gravity: the same study under gravity, for what a setting lacks there; None without it.
     """
@@ -227,7 +237,7 @@ def ranking(view: View, with_gravity: View | None = None) -> list[Cells]:
 def _ranking_row(view: View, run: RunKey, with_gravity: View | None) -> Cells:
     """A row of `ranking`, by the names that the page's script reads.
 
-    `step` is in s, `errors` has a cell for each α in nine digits, and `cells` are under `HEADS`.
+    `step` is in s, `errors` has a cell for each α in nine digits, and `cells` are under `heads`.
     with_gravity: the same study under gravity; None without it.
     """
     outcome = verdict(view, run)
@@ -256,7 +266,7 @@ def _ranking_row(view: View, run: RunKey, with_gravity: View | None) -> Cells:
 
 
 def _of_drop(view: View, run: RunKey) -> list[str]:
-    """Cells under HEADS of a run under gravity: its largest depth, and its depth at rest, "–" where
+    """Cells under `heads` of a run under gravity: its largest depth, and its depth at rest, "–" where
     it did not come to rest.
     """
     rest = view.rests.get(run)
@@ -267,7 +277,7 @@ def _of_drop(view: View, run: RunKey) -> list[str]:
 
 
 def _of_contact(score: Mapping[str, Any]) -> list[str]:
-    """Cells under HEADS of a run without gravity; "–" for what its score has no number of.
+    """Cells under `heads` of a run without gravity; "–" for what its score has no number of.
 
     score: with the names of SCORE_FIELDS; empty for a run without one.
     """
