@@ -317,22 +317,18 @@ def _best(
     else the first that bounces at all.
 
     requests: one a pair. attitudes: of each pair as it can lie, with the attitude's name.
-    landed: the robot as it is; None where it is none. limit: error of e that is allowed; enough: of
-    the model as it is. order: the best first. Raises EngineFailed where no launch has an e.
+    landed: the robot as it is; None for a model without a robot. limit: error of e that is allowed;
+    enough: of the model as it is. order: the best first. Raises EngineFailed where no launch has an
+    e.
     """
     # In order: what lands worse, then the first that lands no worse but is not near enough.
     others: list[_Try] = []
-    for each_try in order:
-        tried = each_try
-        if landed is not None:
-            after = landed
-            if tried.setting.source is not None:
-                after = engine.landing(tried.setting.source, requests, landed)
-            tried = dataclasses.replace(tried, landing=LandingChange(landed, after))
-            # A landing costs less than launches that no search saw: these only where it is good.
-            if tried.landing is not None and tried.landing.worse:
-                others.append(tried)
-                continue
+    for without_landing in order:
+        tried = _dropped(engine, requests, without_landing, landed)
+        # A landing costs less than launches that no search saw: these only where it is good.
+        if tried.landing is not None and tried.landing.worse:
+            others.append(tried)
+            continue
         is_own = tried.setting.name == AS_IT_IS
         if is_own and tried.error > enough:
             # More launches, which cost as much as a search, find no smaller error.
@@ -354,6 +350,22 @@ def _best(
     raise EngineFailed(
         "model", got, "a bounce from each", "Try other --speeds, or a smaller --timestep"
     )
+
+
+def _dropped(
+    engine: TunesModels, requests: Sequence[Request], tried: _Try, landed: DropTest | None
+) -> _Try:
+    """The try with its landing, by dropping the robot with the setting; the try itself without a
+    robot.
+
+    requests: one a pair. landed: the robot as it is; None for a model without a robot.
+    """
+    if landed is None:
+        return tried
+    after = landed
+    if tried.setting.source is not None:
+        after = engine.landing(tried.setting.source, requests, landed)
+    return dataclasses.replace(tried, landing=LandingChange(landed, after))
 
 
 def _bouncing(
