@@ -27,8 +27,8 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target, minimax_constant
 from hcbench.system.errors import SettingError
 from hcbench.terms.scene import load_scene
+from hcbench.tuning.find import tune
 from hcbench.tuning.model import snippet
-from hcbench.tuning.tune import tune
 from hcbench.tuning.tuned import Tuned
 
 SCENE = load_scene("steel-plane")

@@ -19,7 +19,7 @@ from hcbench.system.errors import UserError
 from hcbench.system.text import table
 from hcbench.terms.impact import Launch
 from hcbench.terms.scene import load_scene
-from hcbench.tuning.tune import tune
+from hcbench.tuning.find import tune
 from hcbench.tuning.tuned import Tuned
 
 if TYPE_CHECKING:

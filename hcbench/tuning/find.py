@@ -1,4 +1,6 @@
-"""Finds the one answer: the best choice of each kind, and what is never to be used."""
+"""Finds the one answer of an engine to a target: the best choice of each kind, and what is never to
+be used.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 from hcbench.laws.restitution import ConstantRestitution
-from hcbench.recipes.recipe import Recipe, Role, first
+from hcbench.recipes.recipe import Recipe, Role, first, report_progress
 from hcbench.recipes.target import minimax_constant, require_end, require_kind, steps_per_contact
 from hcbench.sim import registry
 from hcbench.sim.passivity import LongestTrain
@@ -23,7 +25,7 @@ from hcbench.tuning.answer import MAX_ERROR, Answer, Choice, Kind, Never
 from hcbench.tuning.tuned import Tuned, make_tuned
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable
 
     from hcbench.recipes.target import Target
     from hcbench.sim.passivity import Passivity
@@ -525,3 +527,24 @@ def exact_from(recipe: Recipe, target: Target) -> float:
 def _above(low: float, asked: float) -> Iterator[str]:
     if low > asked:
         yield f"impacts faster than {low:.2g} m/s: slower bodies may come to rest"
+
+
+def tune(
+    engine: str,
+    target: Target,
+    scene: Scene,
+    recipe: str = "auto",
+    match: Match = "restitution",
+    integrator: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    max_error: float = MAX_ERROR,
+) -> Tuned:
+    """A setting that matches a target, evaluated under the target's gravity and friction.
+
+    Arguments and errors as of `find_answer`, whose choice it is.
+    progress: called with the evaluations of a search (done, at most).
+    """
+    with report_progress(progress):
+        return find_answer(
+            engine, target, scene, recipe, match, integrator, max_error, asked="settings"
+        ).tuned

@@ -36,8 +36,8 @@ from hcbench.system.text import as_bound
 from hcbench.terms.arguments import checked
 from hcbench.terms.bounds import require
 from hcbench.terms.impact import Floats, Impact, Launch
+from hcbench.tuning.answer import MAX_ERROR
 from hcbench.tuning.landing import landing_as_it_is, tune_landing
-from hcbench.tuning.tune import MAX_ERROR
 from hcbench.tuning.tuned_model import (
     AS_IT_IS,
     GAINS,

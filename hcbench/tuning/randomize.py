@@ -36,8 +36,8 @@ from hcbench.terms.options import (
     Quantities,
     Quantity,
 )
+from hcbench.tuning.answer import MAX_ERROR
 from hcbench.tuning.random_worlds import Band, Certificate, RandomWorlds
-from hcbench.tuning.tune import MAX_ERROR
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -14,7 +14,7 @@ from hcbench.sim.model_under_test import Facts, Texts
 from hcbench.sim.passivity import MOST_E
 from hcbench.sim.rest import Standing
 from hcbench.system.text import Shown, as_bound, joined_names
-from hcbench.tuning.tune import MAX_ERROR
+from hcbench.tuning.answer import MAX_ERROR
 
 # Name of the setting that changes nothing.
 AS_IT_IS = "as it is"

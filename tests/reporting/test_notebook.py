@@ -15,7 +15,7 @@ import hcbench
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
 from hcbench.terms.scene import load_scene
-from hcbench.tuning.tune import tune
+from hcbench.tuning.find import tune
 
 GOOD = Path(__file__).parents[2] / "examples" / "good.xml"
 

@@ -21,9 +21,8 @@ from hcbench.sim.rest import DIVERGED, Rest
 from hcbench.system.errors import SettingError, UserError
 from hcbench.terms.scene import load_scene
 from hcbench.tuning.evaluate import held_out_launches
-from hcbench.tuning.find import Match, candidates
+from hcbench.tuning.find import Match, candidates, tune
 from hcbench.tuning.model import snippet
-from hcbench.tuning.tune import tune
 
 pytestmark = pytest.mark.usefixtures("tuned_once")
 

@@ -33,7 +33,7 @@ from hcbench.laws import closed_form
 from hcbench.laws.restitution import MeasuredRestitution, Restitution, RestitutionCurve
 from hcbench.recipes.target import Target
 from hcbench.terms.scene import load_scene
-from hcbench.tuning.tune import tune
+from hcbench.tuning.find import tune
 
 G, R, MASS = 9.81, 0.1, 0.5
 LAW = Restitution(0.315)
