@@ -524,13 +524,13 @@ def file_digest(path: Path) -> str:
     to_read = [path]
     seen: set[Path] = set()
     while to_read:
-        each = to_read.pop().resolve()
-        if each in seen:
+        file = to_read.pop().resolve()
+        if file in seen:
             continue
-        seen.add(each)
-        own, names = _content_and_names(each, each.stat().st_mtime_ns)
+        seen.add(file)
+        own, names = _content_and_names(file, file.stat().st_mtime_ns)
         digests.append(own)
-        to_read += [each.parent / name for name in reversed(names) if is_file(each.parent / name)]
+        to_read += [file.parent / name for name in reversed(names) if is_file(file.parent / name)]
     if len(digests) == 1:
         return digests[0]
     return hashlib.sha256("".join(digests).encode()).hexdigest()

@@ -70,34 +70,34 @@ class Materials(Shown, Sequence[MaterialPair]):
     @property
     def names(self) -> tuple[str, ...]:
         """The pairs, each once."""
-        return tuple(dict.fromkeys(each.name for each in self.all))
+        return tuple(dict.fromkeys(pair.name for pair in self.all))
 
     def _lines(self) -> Iterator[str]:
         yield f"{len(self.names)} pairs of materials, {len(self.all)} measurements"
-        for each in self.all:
-            yield f"{each.name}: {each.numbers} {each.at}"
+        for pair in self.all:
+            yield f"{pair.name}: {pair.numbers} {pair.at}"
 
     def _rows(self) -> Iterator[dict[str, Any]]:
         """The rows of `to_frame`; speeds in m/s, α in s/m, None for what a measurement lacks."""
-        for each in self.all:
-            low, high = each.speed_range_m_per_s or (None, None)
-            least, most = each.restitution_interval or (None, None)
+        for pair in self.all:
+            low, high = pair.speed_range_m_per_s or (None, None)
+            least, most = pair.restitution_interval or (None, None)
             yield {
-                "name": each.name,
-                "id": each.id,
-                "bodies": " on ".join(each.bodies),
-                "restitution": each.restitution,
+                "name": pair.name,
+                "id": pair.id,
+                "bodies": " on ".join(pair.bodies),
+                "restitution": pair.restitution,
                 "restitution_low": least,
                 "restitution_high": most,
-                "alpha_s_per_m": each.alpha_s_per_m,
-                "points": len(each.points),
+                "alpha_s_per_m": pair.alpha_s_per_m,
+                "points": len(pair.points),
                 "speed_min_m_per_s": low,
                 "speed_max_m_per_s": high,
-                "measured": each.measured,
-                "document": each.source.document,
-                "place": each.source.place,
-                "level": each.source.level,
-                "note": each.note,
+                "measured": pair.measured,
+                "document": pair.source.document,
+                "place": pair.source.place,
+                "level": pair.source.level,
+                "note": pair.note,
             }
 
 
@@ -105,7 +105,7 @@ class Materials(Shown, Sequence[MaterialPair]):
 def _known() -> tuple[MaterialPair, ...]:
     """All measurements that ship with hcbench; of one pair, the one to use first."""
     content = parse_json(FILE.read_text(encoding="utf-8"))
-    return tuple(validate(MaterialPair, each, UserError, "materials: {}") for each in content)
+    return tuple(validate(MaterialPair, record, UserError, "materials: {}") for record in content)
 
 
 @checked
@@ -213,7 +213,7 @@ def _unknown(name: str, wanted: str) -> UserError:
             "No e of a robot's foot is published: `hcbench fit` finds it from a recording,"
             " `hcbench land` drops your model"
         )
-    expected = "one of: " + ", ".join(f"'{each}'" for each in nearest)
+    expected = "one of: " + ", ".join(f"'{name_of_pair}'" for name_of_pair in nearest)
     return UserError("material", f"{sanitized(name, 60)!r} is not known", expected, advice)
 
 
@@ -245,19 +245,19 @@ def as_record(material: MaterialPair) -> dict[str, Any]:
 def as_text(found: Sequence[MaterialPair]) -> str:
     """Measurements in full, for a terminal: a block of lines for each, with what it states."""
     blocks = []
-    for each in found:
+    for pair in found:
         rows = {
-            each.name: f"{each.numbers} {each.at}",
-            "bodies": " on ".join(each.bodies) + (f", {each.size}" if each.size else ""),
-            "points": ", ".join(f"{v:g}:{e:g}" for v, e in each.points),
-            "interval": each.uncertainty,
-            "friction": each.friction,
-            "measured": each.measured,
-            "source": each.source.document,
-            "place": each.source.place,
-            "read at": f"{each.source.read_at} ({LEVELS[each.source.level]})",
-            "note": each.note,
-            "name": each.id,
+            pair.name: f"{pair.numbers} {pair.at}",
+            "bodies": " on ".join(pair.bodies) + (f", {pair.size}" if pair.size else ""),
+            "points": ", ".join(f"{v:g}:{e:g}" for v, e in pair.points),
+            "interval": pair.uncertainty,
+            "friction": pair.friction,
+            "measured": pair.measured,
+            "source": pair.source.document,
+            "place": pair.source.place,
+            "read at": f"{pair.source.read_at} ({LEVELS[pair.source.level]})",
+            "note": pair.note,
+            "name": pair.id,
         }
         width = max(len(row) for row, value in rows.items() if value)
         lines = [f"{row:<{width}}  {value}" for row, value in rows.items() if value]

@@ -182,8 +182,8 @@ def _ends(request: Request) -> list[float]:
 
 def _straight(request: Request, speed: float) -> list[Launch]:
     """Launches at a speed, m/s, along the normal, at each phase of a request."""
-    one = replace(request, speeds=(speed,), angle=(0.0,), spin=(0.0, 0.0, 0.0))
-    return one.launches()
+    straight = replace(request, speeds=(speed,), angle=(0.0,), spin=(0.0, 0.0, 0.0))
+    return straight.launches()
 
 
 def _at_another_step(

@@ -299,7 +299,7 @@ def _always_reported(suspects: Sequence[Suspect]) -> tuple[Cause, ...]:
 
 
 def _codes(found: Iterable[Suspect | Cause]) -> frozenset[str]:
-    return frozenset(each.code for each in found)
+    return frozenset(item.code for item in found)
 
 
 def _without(fixes: Sequence[Suspect], left_out: Suspect) -> list[Suspect]:

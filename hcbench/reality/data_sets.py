@@ -62,7 +62,9 @@ class Cell:
     @property
     def contact(self) -> ContactSetting:
         """The setting itself."""
-        (match,) = (each for each in self.module.SETTINGS if each.key == self.setting)
+        (match,) = (
+            candidate for candidate in self.module.SETTINGS if candidate.key == self.setting
+        )
         setting: ContactSetting = match
         return setting
 
@@ -258,7 +260,9 @@ def find(name: str, data: Path | None) -> Path | None:
     if data is None or name == "alumina":
         return None
     path = SOURCES[name].path
-    return next((each for each in (data, *sorted(data.glob("*"))) if (each / path).exists()), None)
+    return next(
+        (folder for folder in (data, *sorted(data.glob("*"))) if (folder / path).exists()), None
+    )
 
 
 def missing(name: str) -> str:

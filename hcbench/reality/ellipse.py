@@ -128,13 +128,13 @@ def read(path: Path) -> Floats:
 
     try:
         content: Any = loadmat(str(path), squeeze_me=True, struct_as_record=False)["bounce_array"]
-        unmarked = [each for each in content if not np.any(each.flags)]
+        unmarked = [impact for impact in content if not np.any(impact.flags)]
         rows = []
-        for number, each in enumerate(unmarked):
-            angle = each.states[2]
-            before = each.states[3:6]
-            after = each.states[9:12]
-            rows.append((*before, *after, angle, each.n[2], number, each.d[2]))
+        for number, impact in enumerate(unmarked):
+            angle = impact.states[2]
+            before = impact.states[3:6]
+            after = impact.states[9:12]
+            rows.append((*before, *after, angle, impact.n[2], number, impact.d[2]))
         table = np.array(rows, dtype=np.float64)
         columns = dict(zip(_COLUMNS, table.T, strict=True))
     except (OSError, KeyError, AttributeError, ValueError, TypeError, NotImplementedError) as error:

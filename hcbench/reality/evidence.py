@@ -68,14 +68,14 @@ class Switch:
 
 def good(impacts: Sequence[ImpactRead]) -> list[ImpactRead]:
     """Impacts that end a first flight at one vertex, with a known e."""
-    return [each for each in impacts if each.good and each.order == 0]
+    return [impact for impact in impacts if impact.good and impact.order == 0]
 
 
 def speeds_and_e(impacts: Sequence[ImpactRead]) -> tuple[Floats, Floats]:
     """Impact speeds, m/s, and e of the good impacts."""
     kept = good(impacts)
-    speeds = np.array([each.speed_in for each in kept])
-    return speeds, np.array([each.e for each in kept])
+    speeds = np.array([impact.speed_in for impact in kept])
+    return speeds, np.array([impact.e for impact in kept])
 
 
 def slope_of(name: str, speed: Floats, e: Floats, constant: str) -> Slope:
@@ -209,10 +209,10 @@ def best(outcomes: list[SettingErrors]) -> SettingErrors:
     outcomes: errors of the same tosses, with rotations, one for each e that was tried, or for
     each friction.
     """
-    pick = np.argmin([each.scores for each in outcomes], axis=0)
+    pick = np.argmin([outcome.scores for outcome in outcomes], axis=0)
 
     def chosen(name: str) -> Floats:
-        values: Floats = np.choose(pick, [getattr(each, name) for each in outcomes])
+        values: Floats = np.choose(pick, [getattr(outcome, name) for outcome in outcomes])
         return values
 
     return SettingErrors(chosen("errors"), chosen("scores"), chosen("rotations"))
@@ -225,7 +225,7 @@ def of_noise(cell: Cell) -> SettingErrors:
     tosses: Tosses = cell.cases
     exact = tosses.simulated(cell.module, cell.contact, cell.values)
     noise = np.random.default_rng(0)
-    shaken = replace(tosses, motions=[_shaken(each, noise) for each in tosses.motions])
+    shaken = replace(tosses, motions=[_shaken(toss, noise) for toss in tosses.motions])
     return tosses.as_simulated(exact).judged(
         shaken.simulated(cell.module, cell.contact, cell.values)
     )

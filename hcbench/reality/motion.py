@@ -217,15 +217,15 @@ class Tosses:
         module: `toss` of the engine, which runs in this process. values: of the setting's
         parameters. timestep: s. Raises what the engine raises.
         """
-        starts = [each.toss(timestep) for each in self.motions]
+        starts = [toss.toss(timestep) for toss in self.motions]
         return module.simulate(self.body, setting, values, timestep, starts)
 
     def as_simulated(self, simulated: Sequence[Floats], timestep: float = TIMESTEP) -> "Tosses":
         """The motions with poses of states, at the same times."""
         motions = []
-        for each, states in zip(self.motions, simulated, strict=True):
-            place, turn = at_times(states, timestep, each.time - each.time[0])
-            motions.append(replace(each, position=place, quaternion=turn))
+        for toss, states in zip(self.motions, simulated, strict=True):
+            place, turn = at_times(states, timestep, toss.time - toss.time[0])
+            motions.append(replace(toss, position=place, quaternion=turn))
         return replace(self, motions=motions)
 
     def outcome(

@@ -126,7 +126,7 @@ def _toss(results: RealityResults) -> dict[str, Any]:
     """Data for the page's script: poses of a toss, measured and simulated."""
     if not results.drawn:
         return {}
-    poses = {name: np.round(each, _PLACES).tolist() for name, each in results.drawn.items()}
+    poses = {name: np.round(poses_of, _PLACES).tolist() for name, poses_of in results.drawn.items()}
     return {"halfWidth": cube.HALF_WIDTH, "period": cube.PERIOD, "poses": poses}
 
 
@@ -310,7 +310,7 @@ def build_own(own: Own, folder: Path) -> None:
     """
     with atomic_folder(folder, IMPACTS) as scratch:
         write_text(scratch / IMPACTS, impacts_text(own.impacts))
-        write_text(scratch / PAIRS, pairs_text([each for each in own.impacts if each.good]))
+        write_text(scratch / PAIRS, pairs_text([impact for impact in own.impacts if impact.good]))
         write_text(scratch / study.FILE, study.csv_text(score for score, _ in own.scores))
 
 
@@ -353,7 +353,10 @@ def impacts_text(impacts: Sequence[ImpactRead]) -> str:
 
 def pairs_text(impacts: Sequence[ImpactRead]) -> str:
     """Impact speeds and e, as `hcbench fit` reads them."""
-    lines = [f"{each.number},{each.speed_in:.6g},{each.e:.6g},{each.u_e:.6g}\n" for each in impacts]
+    lines = [
+        f"{impact.number},{impact.speed_in:.6g},{impact.e:.6g},{impact.u_e:.6g}\n"
+        for impact in impacts
+    ]
     return "trial,speed [m/s],restitution,u_restitution\n" + "".join(lines)
 
 
@@ -449,7 +452,7 @@ def impacts_figure(read: Sequence[ImpactRead], twins: Mapping[str, Sequence[Impa
         lower, median, upper = np.array(quartiles).reshape(-1, 3).T
         draw_band(axes, np.array(middle), lower, upper, colour)
         axes.plot(middle, median, color=colour, label=f"synthetic, {law}")
-    uncertainty = [each.u_e for each in good(read)]
+    uncertainty = [impact.u_e for impact in good(read)]
     style: dict[str, Any] = {"fmt": ".", "color": BLUE, "ecolor": GREY, "elinewidth": 0.8}
     axes.errorbar(speed, e, uncertainty, label="measured", **style)
     speed_axis(axes, inches=False)

@@ -213,7 +213,7 @@ def read_values(impacts: Sequence[ImpactRead]) -> dict[str, float]:
     """Median e, within 0 to 1, and friction, 0 or more, of the good impacts, by the names of an
     engine's parameters; empty if no impact is good.
     """
-    sure = [(each.e, each.friction) for each in impacts if each.good]
+    sure = [(impact.e, impact.friction) for impact in impacts if impact.good]
     if not sure:
         return {}
     e, friction = np.median(sure, axis=0).tolist()
@@ -228,14 +228,14 @@ def text(own: Own, folder: Path) -> Iterator[str]:
     yield f"{len(own.tosses.motions)} tosses, {len(own.impacts)} impacts read"
     if own.impacts:
         yield f"{'time, s':>9} {'speed, m/s':>11} {'e':>15} {'friction':>15} {'contact, ms':>12}"
-    for each in own.impacts:
-        e = f"{each.e:.3f} ± {each.u_e:.3f}"
-        friction = f"{each.friction:.3f} ± {each.u_friction:.3f}"
-        contact = f"{1e3 * each.duration:12.1f}"
+    for impact in own.impacts:
+        e = f"{impact.e:.3f} ± {impact.u_e:.3f}"
+        friction = f"{impact.friction:.3f} ± {impact.u_friction:.3f}"
+        contact = f"{1e3 * impact.duration:12.1f}"
         note = ""
-        if not each.good:
+        if not impact.good:
             note = "  not sure, or more than one corner"
-        yield f"{each.time:9.3f} {each.speed_in:11.3f} {e:>15} {friction:>15} {contact}{note}"
+        yield f"{impact.time:9.3f} {impact.speed_in:11.3f} {e:>15} {friction:>15} {contact}{note}"
     yield ""
     yield f"{'engine':<10} {'setting':<34} {'error, % of a width':>20} {'rotation, °':>12}"
     for score, values in sorted(own.scores, key=lambda pair: pair[0].error):

@@ -150,7 +150,7 @@ def twins(
     timestep: s. seed: of the noise: the same gives the same twins.
     """
     noise = np.random.default_rng(seed)
-    tosses = [each.toss(timestep) for each in motions]
+    tosses = [measured_motion.toss(timestep) for measured_motion in motions]
     made = []
     for measured, states in zip(
         motions, module.simulate(body, setting, values, timestep, tosses), strict=True
@@ -319,8 +319,8 @@ def _poses(cell: Cell) -> tuple[Floats, Floats]:
     tosses = Tosses(cell.cases.body, cell.cases.motions[:1])
     simulated = tosses.as_simulated(tosses.simulated(cell.module, cell.contact, cell.values))
     measured, other = (
-        np.concatenate([each.position, each.quaternion], axis=1)
-        for each in (tosses.motions[0], simulated.motions[0])
+        np.concatenate([toss.position, toss.quaternion], axis=1)
+        for toss in (tosses.motions[0], simulated.motions[0])
     )
     return measured, other
 

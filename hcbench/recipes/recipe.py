@@ -150,7 +150,7 @@ def evolve(
     worst = errors(members, np.full(len(members), np.inf))
     count, size = members.shape
     lowest, highest = bounds
-    each = np.arange(count)
+    numbers = np.arange(count)
     for _ in range(generations):
         one, other = members[random.integers(0, count, (2, count))]
         base = members
@@ -159,7 +159,7 @@ def evolve(
         mutants = base + random.uniform(*_MUTATION) * (one - other)
         crossed = random.random(members.shape) < _CROSSED
         # At least one parameter of each mutant is crossed.
-        crossed[each, random.integers(0, size, count)] = True
+        crossed[numbers, random.integers(0, size, count)] = True
         trials = np.where(crossed, mutants, members)
         outside = (trials < lowest) | (trials > highest)
         trials = np.where(outside, random.uniform(lowest, highest, members.shape), trials)

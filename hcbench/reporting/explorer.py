@@ -238,7 +238,7 @@ def _materials() -> Iterable[dict[str, Any]]:
 
 def _errors(engines: Collection[str]) -> list[dict[str, Any]]:
     """The table of errors at any α, named as runs are."""
-    return [{"step": each.pop("timestep"), **each} for each in map(dict, errors_of(engines))]
+    return [{"step": row.pop("timestep"), **row} for row in map(dict, errors_of(engines))]
 
 
 def _choice(choice: PageChoice) -> dict[str, Any]:
@@ -274,17 +274,17 @@ def _runs(view: View, loops: LoopStore, texts: tables.PastedTexts) -> Iterable[d
     loops: takes the loops in. texts: gives the numbers of the texts to paste.
     """
     kept = _kept_loops(view)
-    for (run, alpha), one in view.head_on.items():
+    for (run, alpha), folded in view.head_on.items():
         if run not in view.band_runs or run.engine == REFERENCE or view.curve(run, alpha) is None:
             continue
-        curve = one.curve
+        curve = folded.curve
         of_run = kept.get((run, alpha), {})
         # Shown of each speed is the impact whose loop was kept, or else
         # one half-way through a step.
         phases = [phase for phase, *_ in of_run.values()]
-        shown = one.half_way
-        if phases and abs(one.of_loops.phase - phases[0]) < abs(shown.phase - phases[0]):
-            shown = one.of_loops
+        shown = folded.half_way
+        if phases and abs(folded.of_loops.phase - phases[0]) < abs(shown.phase - phases[0]):
+            shown = folded.of_loops
         numbers = [-1] * len(curve)
         for speed, (_, *loop) in of_run.items():
             numbers[int(np.abs(curve.speed - speed).argmin())] = loops.add(loop)

@@ -94,11 +94,11 @@ class View:
         """Impacts by run and α, s/m, whose smallest angle is the study's, 0 as a rule:
         curves over speed are of these.
         """
-        least = min((one.angle for one in self.folded.values()), default=0.0)
+        least = min((folded.angle for folded in self.folded.values()), default=0.0)
         chosen = {}
-        for key, one in self.folded.items():
-            if one.angle == least:
-                chosen[self._run_and_alpha(key)] = one
+        for key, folded in self.folded.items():
+            if folded.angle == least:
+                chosen[self._run_and_alpha(key)] = folded
         return chosen
 
     # The study and its law
@@ -175,7 +175,7 @@ class View:
         """Runs over enough speeds to show a curve, in the study's order."""
         enough = min(CURVE_SPEEDS, len(self.study["speeds"]))
         tried = self.head_on.items()
-        return list(dict.fromkeys(run for (run, _), one in tried if len(one.curve) >= enough))
+        return list(dict.fromkeys(run for (run, _), folded in tried if len(folded.curve) >= enough))
 
     @cached_property
     def band_runs(self) -> list[RunKey]:
@@ -246,8 +246,8 @@ class View:
     def _curves(self) -> dict[tuple[RunKey, float], Curve]:
         """Curves by run and α; without those of which no impact came back."""
         curves = {}
-        for where, one in self.head_on.items():
-            curve = one.curve.measured()
+        for where, folded in self.head_on.items():
+            curve = folded.curve.measured()
             if len(curve):
                 curves[where] = curve
         return curves
@@ -341,14 +341,14 @@ class View:
     @cached_property
     def depths(self) -> dict[RunKey, float]:
         """Greatest penetration of each run for the main α, m."""
-        return {run: one.depth for run, one in self.of_main_alpha()}
+        return {run: folded.depth for run, folded in self.of_main_alpha()}
 
     def of_main_alpha(self) -> Iterator[tuple[RunKey, Folded]]:
         """The runs for the main α; one that ran under several conditions comes with each."""
-        for key, one in self.folded.items():
+        for key, folded in self.folded.items():
             run, alpha = self._run_and_alpha(key)
             if self._is_main(alpha):
-                yield run, one
+                yield run, folded
 
     def _is_main(self, alpha: float) -> bool:
         return math.isclose(alpha, self.main_alpha, rel_tol=1e-9)

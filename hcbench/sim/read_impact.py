@@ -121,9 +121,9 @@ def _crossing_speed(x: Floats, at: NDArray[np.int64], h: float) -> Floats:
     It is that of the parabola through this state and the ones before and after it. No contact force
     may act between the three.
     """
-    each = np.arange(len(x))
+    launch = np.arange(len(x))
     middle = np.clip(at, 1, max(1, x.shape[1] - 2))
-    before, here, after = (x[each, np.minimum(middle + i, x.shape[1] - 1)] for i in (-1, 0, 1))
+    before, here, after = (x[launch, np.minimum(middle + i, x.shape[1] - 1)] for i in (-1, 0, 1))
     with np.errstate(all="ignore"):
         squared = (0.5 * (after - before)) ** 2 - 2.0 * (after - 2.0 * here + before) * here
         return np.asarray(np.sqrt(np.maximum(0.0, squared)) / h)
@@ -187,10 +187,10 @@ def impacts_of(
     """
     counts = counts - np.where(ends == End.PARTED, reading.steps_after, 0)
     first, stops, deepest, hardest = _contact(states, counts)
-    each = np.arange(len(counts))
+    launch_numbers = np.arange(len(counts))
     after = np.minimum(stops, counts - 1)
-    came = tuple(states[:2, each, first])
-    left = tuple(states[:2, each, after])
+    came = tuple(states[:2, launch_numbers, first])
+    left = tuple(states[:2, launch_numbers, after])
     h = 0.0
     if len(time) > 1:
         h = float(time[1] - time[0])

@@ -101,8 +101,8 @@ def _existing(value: object) -> Iterator[Path]:
     arguments that name nothing, are passed over.
     """
     if isinstance(value, tuple | list):
-        for each in value:
-            yield from _existing(each)
+        for part in value:
+            yield from _existing(part)
     elif isinstance(value, str | Path):
         path = Path(_without_function(str(value)))
         if _is(path, Path.exists):
@@ -207,7 +207,7 @@ def _named(path: Path, content: bytes) -> list[Path]:
         names.add(_without_function(match.decode(errors="replace")))
     beside = [path.parent / name for name in names]
     folders = [path.parent]
-    folders += [each for each in beside if _is(each, Path.is_dir)]
+    folders += [path_beside for path_beside in beside if _is(path_beside, Path.is_dir)]
     named = itertools.product(folders, names)
     return [folder / name for folder, name in named if _is(folder / name, Path.is_file)]
 

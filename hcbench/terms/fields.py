@@ -266,9 +266,9 @@ def _expected(field: FieldInfo) -> str:
     """The words for what a field of a file takes; "" where it declares none."""
     if field.description:
         return field.description
-    for each in field.metadata:
-        if isinstance(each, InUnits):
-            return each.expected
+    for constraint in field.metadata:
+        if isinstance(constraint, InUnits):
+            return constraint.expected
     if Path in (field.annotation, *get_args(field.annotation)):
         return "the name of a file"
     return ""

@@ -407,11 +407,11 @@ def parse_values(
         if not len(value):
             raise QuantityError(slot, "an empty list", f"at least one value like {kind.example!r}")
         parts = []
-        for each in value:
-            if isinstance(each, str):
-                parts.append(parse_values(each, quantity, slot, least=least, above=above))
+        for part in value:
+            if isinstance(part, str):
+                parts.append(parse_values(part, quantity, slot, least=least, above=above))
             else:
-                parts.append(np.array([parse(each, quantity, slot, least=least, above=above)]))
+                parts.append(np.array([parse(part, quantity, slot, least=least, above=above)]))
         return np.concatenate(parts)
     if not isinstance(value, str) or not re.search(r"[:,]", value):
         return np.array([parse(value, quantity, slot, least=least, above=above)])

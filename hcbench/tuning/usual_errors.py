@@ -146,17 +146,19 @@ def line(table: Sequence[Row], i: int) -> list[Any] | None:
         name, error = constant
         names.add(name)
         errors.append(error)
-    log_alphas = np.log([_alpha(each) for each in around])
+    log_alphas = np.log([_alpha(known_row) for known_row in around])
     log_errors = np.log(errors)
     fitted = np.polynomial.Polynomial.fit(log_alphas, log_errors, 1)
     if np.abs(np.expm1(log_errors - fitted(log_alphas))).max() > NEAR:
         return None
-    ends = [_shortened(math.exp(fitted(math.log(_alpha(each))))) for each in table[i : i + 2]]
+    ends = [
+        _shortened(math.exp(fitted(math.log(_alpha(known_row))))) for known_row in table[i : i + 2]
+    ]
     return [" or ".join(sorted(names)), *ends]
 
 
-def _alpha(one: Row) -> float:
-    return float(one[0])
+def _alpha(known_row: Row) -> float:
+    return float(known_row[0])
 
 
 def write(jobs: int = 2) -> None:

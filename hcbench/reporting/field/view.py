@@ -69,7 +69,7 @@ class FieldView:
 
     @cached_property
     def _speeds(self) -> dict[float, Any]:
-        return {case.timestep: one.curve.speed.round(12) for case, one in self.folded.items()}
+        return {case.timestep: folded.curve.speed.round(12) for case, folded in self.folded.items()}
 
     def speeds(self, timestep: float) -> Any:
         """Impact speeds of every engine at a step, with gravity and without, m/s, rising."""
@@ -91,16 +91,19 @@ class FieldView:
     @cached_property
     def folded(self) -> dict[Case, Folded]:
         """Each case's impacts."""
-        return {self._case(dict(zip(RUN_KEY, key, strict=True))): one for key, one in self._of_main}
+        return {
+            self._case(dict(zip(RUN_KEY, key, strict=True))): folded
+            for key, folded in self._of_main
+        }
 
     @property
     def _of_main(self) -> list[tuple[Key, Folded]]:
         """(key of a run, its impacts as `Folded`) of the α that the page is about, of all runs."""
         place = RUN_KEY.index("alpha_s_per_m")
         of_main = []
-        for key, one in self.results.table.folded.items():
+        for key, folded in self.results.table.folded.items():
             if math.isclose(key[place], self.alpha, rel_tol=1e-9):
-                of_main.append((key, one))
+                of_main.append((key, folded))
         return of_main
 
     @cached_property
