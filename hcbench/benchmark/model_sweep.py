@@ -269,7 +269,10 @@ def _launch(job: _SweepJob, row: Sequence[float]) -> tuple[Request, dict[str, fl
 
 
 def _described(job: _SweepJob, facts: Facts, rows: Floats, part_rows: int) -> dict[str, Any]:
-    """The content of the folder's description: equal for sweeps whose parts are equal."""
+    """The content of the folder's description: equal for sweeps whose parts are equal.
+
+    facts: of the model and its pair. rows: of all parts, (n, parameters). part_rows: rows a part.
+    """
     launches = {name: value for name, value in asdict(job.request).items() if value is not None}
     return {
         "schema": SCHEMA,
@@ -436,7 +439,8 @@ def _measured_rows(
 def _measured(varied: VariedContact, job: _SweepJob, row: Sequence[float]) -> list[dict[str, Any]]:
     """The points that `measure` prints of the model with a row's parameters.
 
-    One record without an e, with its reason, where the row is refused or the engine fails.
+    varied: the model, whose pair can be changed. row: values of the job's parameters. One record
+    without an e, with its reason, where the row is refused or the engine fails.
     """
     request, values = _launch(job, row)
     try:

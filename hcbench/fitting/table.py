@@ -223,8 +223,10 @@ def computed(name: str) -> Iterator[None]:
 
 
 def unit_scale(file: str, name: str, unit: str, quantity: str) -> float:
-    """Return one unit of a column in SI. Raises UserError for a missing unit and for one that does
-    not fit.
+    """Return the size of a column's unit in SI.
+
+    file: what errors call it. name, unit: of the column. quantity: one of `units.QUANTITIES`.
+    Raises UserError for a missing unit and for one that does not fit.
     """
     example = units.QUANTITIES[quantity].example.split()[-1]
     si_unit = units.QUANTITIES[quantity].unit

@@ -475,6 +475,7 @@ def _minimal_fixes(fixes: Sequence[Suspect], trials: _Trials, allowed: float) ->
 
 
 def _cause(suspect: Suspect, alone: float = math.nan, without: float = math.nan) -> Cause:
+    """A suspect as a cause. alone: error of e with its fix alone; without: with all but its fix."""
     return Cause(
         code=suspect.code,
         title=suspect.title,

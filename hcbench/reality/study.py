@@ -191,7 +191,10 @@ class RealityRequest:
     def cell(
         self, data: str, engine: str, setting: ContactSetting, values: tuple[float, ...] = ()
     ) -> Cell:
-        """A setting on the parts to judge."""
+        """A setting of an engine on the parts of a data set that are to be judged.
+
+        data, engine: names. values: of the setting's parameters, SI; () for none.
+        """
         return Cell(
             data=data,
             engine=engine,
@@ -226,7 +229,8 @@ class RealityResults:
 
 
 def run(request: RealityRequest, pool: WorkerPool, tick: Tick | None = None) -> RealityResults:
-    """Run the whole study.
+    """Run the whole study: search parameters where that is asked for, run every setting on the data
+    sets of the request, and read the impacts.
 
     tick: called with (cells done, cells in all), for the search and again for the runs.
 
@@ -361,8 +365,9 @@ def _floors(
 ) -> Iterator[SettingScore]:
     """Scores of what no engine gives: the best that a law can do, and what noise alone does.
 
-    data: name of the set. Those of the cube need an engine with a plug-in: there are none without.
-    Raises UserError for a folder that is not of the set's data, and what an engine raises.
+    parameters: of all settings, as searched or committed. data: name of the set. Those of the cube
+    need an engine with a plug-in: there are none without. Raises UserError for a folder that is not
+    of the set's data, and what an engine raises.
     """
     outcomes: dict[str, Any] = {}
     exact = None
@@ -397,6 +402,7 @@ def _impacts(
     """Impacts of the tosses that are judged and those of the training part, and of their twins,
     every third toss, by the name of their law; of the part alone where the request names one.
 
+    parameters: of all settings, which give the twins their friction.
     There are no twins without an engine whose plug-in sets e. Raises UserError for a folder that is
     not of the cube's data, and what the engine raises.
     """

@@ -59,8 +59,10 @@ def place_of(recipe: Recipe, target: Target, versions: Mapping[str, str]) -> Pat
 
 
 def kept(recipe: Recipe, target: Target, place: Path | None) -> Setting | None:
-    """The setting that `make` keeps in a place; None for none, and for a file that is old or not
-    whole.
+    """The setting of a recipe for a target that a file keeps; None without one, and for a file that
+    is old, not whole, or open to other users.
+
+    place: of the file, as `place_of` returns it.
     """
     with suppress(OSError, ValueError):
         if (

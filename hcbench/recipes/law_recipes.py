@@ -211,8 +211,8 @@ def _any_of(names: Sequence[str]) -> str:
 
 
 def _require_resolved(target: Target, law: HuntCrossley, advice: str) -> None:
-    """Raise SettingError, with `advice`, for a step that does not resolve the shortest contact of
-    the band.
+    """Raise SettingError, with `advice`, for a target whose step does not resolve the law's
+    contact at the band's highest speed, its shortest.
     """
     steps = float(closed_form.duration(law, target.mass, target.speed_max)) / target.timestep
     if steps < STEPS_OF_A_LAW:

@@ -289,7 +289,8 @@ def on_a_plane(
 ) -> Callable[..., Recipe]:
     """Function of summary and notes that makes a recipe for scenes of the form "plane".
 
-    function: from a target to options, as of `Recipe`; more: other fields of it.
+    engine, name, role: of the recipe. function: from a target to options, as of `Recipe`. more:
+    other fields of it.
     """
     return lambda summary, *notes: Recipe(
         engine, name, role, function, summary, notes, forms=("plane",), **more

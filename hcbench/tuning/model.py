@@ -410,7 +410,8 @@ def _of_spring(
 ) -> RestitutionCurve:
     """e that a contact by stiffness and damping has between bodies of the pairs' effective mass.
 
-    Raises UserError for pairs of different effective masses, on which that e depends.
+    opened: opens the model for the request of a pair. Raises UserError for pairs of different
+    effective masses, on which that e depends.
     """
     assert job.spring is not None
     masses: list[float] = []
@@ -430,7 +431,11 @@ def _of_spring(
 def _tried(
     setting: ModelSetting, requests: Sequence[Request], wanted: RestitutionCurve, enough: float
 ) -> float:
-    """The largest error of e in some launches of each; of fewer where it is far too large already."""
+    """The largest error of e in some launches of each pair with a setting.
+
+    requests: one a pair. enough: error that is near enough; from far above it the pairs that are
+    left are not launched.
+    """
     worst = 0.0
     for request in requests:
         speeds = _speeds(request, held_out=False)
@@ -568,7 +573,8 @@ def _judged(
 ) -> list[Impact]:
     """Impacts that no search saw: evenly over the band and the step, then ever nearer to the worst.
 
-    before: impacts of the same setting, one of which may be the worst.
+    model: opened for the pair. request: its speeds span the band. wanted: the target, by which the
+    worst are known. before: impacts of the same setting, one of which may be the worst.
     """
     low = min(request.speeds)
     high = max(request.speeds)

@@ -334,7 +334,9 @@ def _rest_faults(
     family: ContactFamily, requests: Sequence[Request], job: _RandomizeJob, before: Standing
 ) -> list[str]:
     """Reasons why a middling contact of a family rests worse than the model as it is, in words, so
-    that measuring its map would be in vain.
+    that measuring its map would be in vain; empty where it rests as well.
+
+    requests: one a pair. before: the model as it is, at rest.
     """
     models = [family.open(request) for request in requests]
     faults: list[str] = []
@@ -486,7 +488,11 @@ def _drawn(
     job: _RandomizeJob,
     before: Standing,
 ) -> RandomWorlds:
-    """Draw the worlds of a family, and certify some of them by launches."""
+    """Draw the worlds of a family, and certify some of them by launches.
+
+    maps: tell the nominal e at which a kind of pair has an e. requests: one a pair. before: the
+    model as it is, at rest.
+    """
     random = np.random.default_rng(job.seed)
     shares, certified = sliced(job.worlds, 2, random)
     restitution = _within(job.restitution, shares[:, 0])
@@ -529,7 +535,11 @@ def _certificate(
     certified: Whole,
     random: np.random.Generator,
 ) -> Certificate:
-    """Launch the pairs in some of the worlds, each world one pair, at phases that no map saw."""
+    """Launch the pairs in some of the worlds, each world one pair, at phases that no map saw.
+
+    models: opened, one a pair. requests: of these. parameters: of all worlds, by name. certified:
+    numbers of the worlds to launch in, (n,). random: draws the phases.
+    """
     speeds = np.array(job.request.speeds)
     sliding = None
     if job.friction is not None:
@@ -578,7 +588,8 @@ def _sliding_launches(
 ) -> list[Request]:
     """Oblique launches of each pair that slide throughout, in worlds with the most friction.
 
-    The models are left with other parameters than those of a world.
+    models: opened, one a pair; they are left with other parameters than those of a world.
+    requests: of these.
     """
     assert job.friction is not None
     most = job.friction[1]

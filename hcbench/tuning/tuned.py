@@ -162,7 +162,8 @@ def _advice(
 ) -> Iterator[str]:
     """Yield sentences that a user of the setting must know.
 
-    recipe: the setting's. recipes: all of its engine's.
+    evaluation: of its launches. rest: after a drop. recipe: the setting's. recipes: all of its
+    engine's.
     """
     depth = evaluation.penetration_max
     radius = scene.relative_radius
@@ -189,6 +190,8 @@ def _advice(
 def _better(target: Target, scene: Scene, recipes: Sequence[Recipe]) -> str:
     """Recommend ways to an e that falls with speed, to follow a sentence on the constant e; "" for
     none.
+
+    recipes: all of the engine's.
     """
     if target.reading != "points":
         law = first(recipes, Role.LAW, scene.form, native=False)
