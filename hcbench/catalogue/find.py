@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from difflib import SequenceMatcher
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any, overload
 
 from hcbench.catalogue.material import KIND, LEVELS, MaterialPair
 from hcbench.system.errors import UserError
@@ -18,10 +18,6 @@ from hcbench.system.text import Shown, sanitized
 from hcbench.terms.arguments import checked
 from hcbench.terms.fields import validate
 from hcbench.terms.options import MaterialName
-
-if TYPE_CHECKING:
-    from hcbench.catalogue.material import MaterialPair
-
 
 FILE = Path(__file__).with_name("materials.json")
 # Other words for the same.
@@ -70,34 +66,34 @@ class Materials(Shown, Sequence[MaterialPair]):
     @property
     def names(self) -> tuple[str, ...]:
         """The pairs, each once."""
-        return tuple(dict.fromkeys(pair.name for pair in self.all))
+        return tuple(dict.fromkeys(each.name for each in self.all))
 
     def _lines(self) -> Iterator[str]:
         yield f"{len(self.names)} pairs of materials, {len(self.all)} measurements"
-        for pair in self.all:
-            yield f"{pair.name}: {pair.numbers} {pair.at}"
+        for each in self.all:
+            yield f"{each.name}: {each.numbers} {each.at}"
 
     def _rows(self) -> Iterator[dict[str, Any]]:
         """The rows of `to_frame`; speeds in m/s, α in s/m, None for what a measurement lacks."""
-        for pair in self.all:
-            low, high = pair.speed_range_m_per_s or (None, None)
-            least, most = pair.restitution_interval or (None, None)
+        for each in self.all:
+            low, high = each.speed_range_m_per_s or (None, None)
+            least, most = each.restitution_interval or (None, None)
             yield {
-                "name": pair.name,
-                "id": pair.id,
-                "bodies": " on ".join(pair.bodies),
-                "restitution": pair.restitution,
+                "name": each.name,
+                "id": each.id,
+                "bodies": " on ".join(each.bodies),
+                "restitution": each.restitution,
                 "restitution_low": least,
                 "restitution_high": most,
-                "alpha_s_per_m": pair.alpha_s_per_m,
-                "points": len(pair.points),
+                "alpha_s_per_m": each.alpha_s_per_m,
+                "points": len(each.points),
                 "speed_min_m_per_s": low,
                 "speed_max_m_per_s": high,
-                "measured": pair.measured,
-                "document": pair.source.document,
-                "place": pair.source.place,
-                "level": pair.source.level,
-                "note": pair.note,
+                "measured": each.measured,
+                "document": each.source.document,
+                "place": each.source.place,
+                "level": each.source.level,
+                "note": each.note,
             }
 
 
@@ -105,7 +101,7 @@ class Materials(Shown, Sequence[MaterialPair]):
 def _known() -> tuple[MaterialPair, ...]:
     """All measurements that ship with hcbench; of one pair, the one to use first."""
     content = parse_json(FILE.read_text(encoding="utf-8"))
-    return tuple(validate(MaterialPair, record, UserError, "materials: {}") for record in content)
+    return tuple(validate(MaterialPair, each, UserError, "materials: {}") for each in content)
 
 
 @checked
@@ -213,7 +209,7 @@ def _unknown(name: str, wanted: str) -> UserError:
             "No e of a robot's foot is published: `hcbench fit` finds it from a recording,"
             " `hcbench land` drops your model"
         )
-    expected = "one of: " + ", ".join(f"'{name_of_pair}'" for name_of_pair in nearest)
+    expected = "one of: " + ", ".join(f"'{each}'" for each in nearest)
     return UserError("material", f"{sanitized(name, 60)!r} is not known", expected, advice)
 
 
@@ -245,41 +241,21 @@ def as_record(material: MaterialPair) -> dict[str, Any]:
 def as_text(found: Sequence[MaterialPair]) -> str:
     """Measurements in full, for a terminal: a block of lines for each, with what it states."""
     blocks = []
-    for pair in found:
+    for each in found:
         rows = {
-            pair.name: f"{pair.numbers} {pair.at}",
-            "bodies": " on ".join(pair.bodies) + (f", {pair.size}" if pair.size else ""),
-            "points": ", ".join(f"{v:g}:{e:g}" for v, e in pair.points),
-            "interval": pair.uncertainty,
-            "friction": pair.friction,
-            "measured": pair.measured,
-            "source": pair.source.document,
-            "place": pair.source.place,
-            "read at": f"{pair.source.read_at} ({LEVELS[pair.source.level]})",
-            "note": pair.note,
-            "name": pair.id,
+            each.name: f"{each.numbers} {each.at}",
+            "bodies": " on ".join(each.bodies) + (f", {each.size}" if each.size else ""),
+            "points": ", ".join(f"{v:g}:{e:g}" for v, e in each.points),
+            "interval": each.uncertainty,
+            "friction": each.friction,
+            "measured": each.measured,
+            "source": each.source.document,
+            "place": each.source.place,
+            "read at": f"{each.source.read_at} ({LEVELS[each.source.level]})",
+            "note": each.note,
+            "name": each.id,
         }
         width = max(len(row) for row, value in rows.items() if value)
         lines = [f"{row:<{width}}  {value}" for row, value in rows.items() if value]
         blocks.append("\n".join(lines))
     return "\n\n".join(blocks)
-
-
-# The material that a target is given by, for verbs that take it beside α and e.
-
-
-def target_material(name: MaterialName | None, **others: object) -> MaterialPair | None:
-    """The material that a target is given by; None without a name.
-
-    others: other ways to give a target, by the names of their options; None for one that is not
-    given. Raises UserError for one that is given too, and for a name or file as `find`.
-    """
-    if name is None:
-        return None
-    given = [option for option, value in others.items() if value is not None]
-    if given:
-        names = " and ".join(("--material", *(f"--{option}" for option in given)))
-        raise UserError("target", f"{names} are given", "one target")
-    # Imported here: most calls name no material, and Pydantic takes long to import.
-
-    return find(name)

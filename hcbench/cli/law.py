@@ -79,7 +79,7 @@ def law(
 
     import numpy as np
 
-    from hcbench.catalogue.find import target_material
+    from hcbench.catalogue.target import target_material
     from hcbench.laws.impact_law import PAPER_STIFFNESS, law
 
     speeds = np.concatenate(speed)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from hcbench.catalogue.find import target_material
+from hcbench.catalogue.target import target_material
 from hcbench.laws import closed_form, hertz
 from hcbench.laws.conventions import SOLVERS_OF_NEWTON, AdamsImpact, NewtonSpring
 from hcbench.laws.force import HuntCrossley

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeGuard, TypeVar, Unpack
 
-from hcbench.catalogue.find import target_material
+from hcbench.catalogue.target import target_material
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.contact import contact_in, contact_over_steps
 from hcbench.measuring.curve import impacts_of

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from hcbench.catalogue.find import target_material
+from hcbench.catalogue.target import target_material
 from hcbench.laws.conventions import contact_of, said
 from hcbench.laws.impact_law import read_adams, read_newton
 from hcbench.laws.restitution import Reading

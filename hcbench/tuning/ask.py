@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from hcbench.catalogue.find import target_material
+from hcbench.catalogue.target import target_material
 from hcbench.laws.force import HuntCrossley
 from hcbench.laws.impact_law import read_adams, read_newton
 from hcbench.laws.restitution import Reading, RestitutionCurve
