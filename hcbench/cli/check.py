@@ -270,7 +270,7 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
     from hcbench.sim.model_under_test import as_records, as_table
 
     asked = plan(_spec(models, python, options, required=True))
-    job = Job(asked.source, asked.engine, asked.request, None, TOLERANCE, diagnose=False)
+    job = Job(asked.source, asked.engine, asked.request, None, TOLERANCE, False)
     with status("listing the pairs"):
         parts = list_pairs(job, asked.limit)
     if as_json:

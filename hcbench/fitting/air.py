@@ -78,7 +78,7 @@ def rivals_in_air(
             share = min(share, alpha_of(plain, lossy).value / alpha)
     if constant.log_evidence + _LIGHT > least:
         return AirRivals(constant, share)
-    return AirRivals(constant=None, share=share)
+    return AirRivals(None, share)
 
 
 def _likeliest_mass(fitted: Callable[[float], LawFit]) -> tuple[float, LawFit]:
