@@ -247,7 +247,8 @@ def _line(
     """An even grid over the one parameter of a law: points (g, 1), ln of the cell's width, and a
     mask (g,).
 
-    parameters, centre, spread: shape (1,); points are relative to `parameters`.
+    parameters, centre, spread: shape (1,); points are relative to `parameters`. hessian: (1, 1), of
+    minus ln of the likelihood.
     fine: not used; `_shares` is called with the same arguments.
     The mask is true where e is at most 1. The grid is centred on `centre` and as wide as `spread`;
     without a spread it is twice as wide as the curvature of the likelihood suggests.
