@@ -16,6 +16,9 @@
 #define HCB_REST_FORCES 1e-6   /* under PGS and noslip, whose forces the step takes; */
 #define HCB_FORCES_MOVING 1e-5 /* under these in motion: of 200 thrown boxes one met a force 30 times too high */
 #define HCB_STANDS 1e-5        /* m/s and rad/s, up to which a contact stands still */
+#define HCB_LIFTS 0.5       /* of the speed that counts as rest, at which what rests too deep is lifted; */
+#define HCB_LIFT_TIME 0.05  /* s, in which it is, or later; */
+#define HCB_NO_FALL 1e-8    /* m/s: that speed, where gravity closes no contact */
 #define HCB_STRAYS 1e-2 /* of the speed that counts as rest, up to which contacts may move that are to stand (strays.c) */
 #define HCB_NO_FORCE 1e-40    /* D of a row whose force starts from 0 */
 #define HCB_SILENT -1e10       /* m/s^2: a row that never pushes */
@@ -161,11 +164,30 @@ static void even_cone(const mjModel* m, mjData* d, const blow* b) {
   d->contact[b->contact].mu = b->friction[0] * sqrt(d->efc_R[b->row + 1] / d->efc_R[b->row]); /* MuJoCo makes it of its own rows so */
 }
 
+/* About a third of the time constant of MuJoCo's own contact, s: after an approach u it goes as deep as u times that, and a body that
+   rests on it stands as deep as g times its square. */
+static double third_of_constant(const mjModel* m, const blow* b) {
+  double least = m->opt.disableflags & mjDSBL_REFSAFE ? 0 : 2 * m->opt.timestep;
+  return HCB_COARSE_FREE * (b->constant > 0 ? fmax(b->constant, least) : 1 / sqrt(fmax(-b->constant, mjMINVAL)));
+}
+
+/* The speed at which a contact that rests deeper than on MuJoCo's own contact is lifted. Rows hold velocities, and what turns sinks by
+   more than these say: the point at which a disc touches runs on, and the next one comes down at a speed u that the last step did not
+   stop. As it comes down by u h/2 within a step, speeds of -u and u at its two ends keep the depth and the energy; 0 at the end
+   loses both. What a landing left goes at a speed that the next step's fall takes back, so that nothing hops; what has just landed
+   is as deep as it came in the step, and is not lifted: its e is the law's. Where nothing falls into a contact none is lifted. */
+static double lift_of(const mjModel* m, const blow* b) {
+  double third = third_of_constant(m, b), approach = fmax(0, -b->rate[0]);
+  double excess = b->x - mju_norm3(m->opt.gravity) * third * third - approach * m->opt.timestep;
+  if (!b->rests || b->tendon >= 0 || excess <= 0 || b->law.still < HCB_NO_FALL) return 0;
+  return fmin(approach + HCB_LIFTS * b->law.still, excess / HCB_LIFT_TIME);
+}
+
 static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, int loaded) {
   plan now = {.rows = b->rows}, *made = stage > 1 ? planned(memory, b->instance, b->id, b->order) : NULL;
   double h = m->opt.timestep, mu = b->friction[0], compliance = rest_compliance(m, d, b, loaded);
   /* Back as fast, at the same depth and for no work: what turning has parted, and all in RK4, which moves on the way. */
-  double closing = fmax(0, b->held ? 0 : stage ? b->parting : fmin(b->parting, b->swing));
+  double closing = fmax(0, b->held ? 0 : stage ? b->parting : fmin(fmin(b->parting, b->rate[0]), b->swing)) - lift_of(m, b);
   for (int i = 0; i < b->rows; i++) {
     int k = b->cone ? 1 + i / 2 : i;
     double tangential = b->cone ? (i % 2 ? -1 : 1) * b->friction[k - 1] * b->rate[k] : 0;

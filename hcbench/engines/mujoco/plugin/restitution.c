@@ -502,8 +502,7 @@ static void warn_of_sunk(const mjModel* m, const mjData* d, const blow* all, int
     const blow* b = all + i;
     if (b->tendon >= 0) continue;
     instance* own = instance_of(d, b->instance);
-    double least = m->opt.disableflags & mjDSBL_REFSAFE ? 0 : 2 * h;
-    double third = HCB_COARSE_FREE * (b->constant > 0 ? fmax(b->constant, least) : 1 / sqrt(fmax(-b->constant, mjMINVAL)));
+    double third = third_of_constant(m, b);
     own->lets = larger(own->lets, follows ? -b->rate[0] * third : fabs(b->rate[0]) * fmax(third, h));
     own->starts_in = larger(own->starts_in, follows ? 0 : b->x);
     if (!follows || !(b->x > larger(own->lets, gravity * third * third) + HCB_DEEPER)) continue;
