@@ -109,7 +109,7 @@ static double change_to_stand(const mjModel* m, mjData* d, const instance* memor
   for (int i = 0; i < n; i++) {
     along_rows(t, s->rows[i].part, s->rows[i].J, change, rates + 3 * i);
     mju_addTo3(rates + 3 * i, u + 3 * i);
-    rates[3 * i] += fmax(0, memory->stands[i].closing);
+    rates[3 * i] += anew ? memory->stands[i].closing : fmax(0, memory->stands[i].closing);
   }
   hcb_impacts(s, rates, p, work);
   for (int i = 0; i < n; i++) push_change(t, s->rows + i, p + 3 * i, 1, change);
