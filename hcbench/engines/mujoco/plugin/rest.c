@@ -17,7 +17,7 @@
 #define HCB_FORCES_MOVING 1e-5 /* under these in motion: of 200 thrown boxes one met a force 30 times too high */
 #define HCB_STANDS 1e-5        /* m/s and rad/s, up to which a contact stands still */
 #define HCB_LIFTS 0.5       /* of the speed that counts as rest, at which what rests too deep is lifted; */
-#define HCB_LIFT_TIME 0.05  /* s, in which it is, or later; */
+#define HCB_LIFT_TIME 0.02  /* s, in which it is, or later; */
 #define HCB_NO_FALL 1e-8    /* m/s: that speed, where gravity closes no contact */
 #define HCB_STRAYS 1e-2 /* of the speed that counts as rest, up to which contacts may move that are to stand (strays.c) */
 #define HCB_NO_FORCE 1e-40    /* D of a row whose force starts from 0 */
@@ -171,16 +171,27 @@ static double third_of_constant(const mjModel* m, const blow* b) {
   return HCB_COARSE_FREE * (b->constant > 0 ? fmax(b->constant, least) : 1 / sqrt(fmax(-b->constant, mjMINVAL)));
 }
 
+/* How much deeper a contact is than MuJoCo's own would stand, over what it came in this step; up to 0: no deeper. None is where gravity
+   closes no contact, since what is lifted there would go on. */
+static double excess_of(const mjModel* m, const blow* b) {
+  double third = third_of_constant(m, b), allowed = mju_norm3(m->opt.gravity) * third * third;
+  if (b->tendon >= 0 || b->law.still < HCB_NO_FALL) return 0;
+  return b->x - allowed - fmax(0, -b->rate[0]) * m->opt.timestep;
+}
+
+/* Whether a contact that comes down has turned into it, where rows held it in the last step: it is deep, and slow for that. */
+static int turns_in(const mjModel* m, const blow* b) {
+  double excess = excess_of(m, b);
+  return excess > 0 && b->rate[0] < 0 && -b->rate[0] <= excess / HCB_LIFT_TIME;
+}
+
 /* The speed at which a contact that rests deeper than on MuJoCo's own contact is lifted. Rows hold velocities, and what turns sinks by
    more than these say: the point at which a disc touches runs on, and the next one comes down at a speed u that the last step did not
    stop. As it comes down by u h/2 within a step, speeds of -u and u at its two ends keep the depth and the energy; 0 at the end
-   loses both. What a landing left goes at a speed that the next step's fall takes back, so that nothing hops; what has just landed
-   is as deep as it came in the step, and is not lifted: its e is the law's. Where nothing falls into a contact none is lifted. */
+   loses both. What a landing left goes at a speed that the next step's fall takes back, so that nothing hops. */
 static double lift_of(const mjModel* m, const blow* b) {
-  double third = third_of_constant(m, b), approach = fmax(0, -b->rate[0]);
-  double excess = b->x - mju_norm3(m->opt.gravity) * third * third - approach * m->opt.timestep;
-  if (!b->rests || b->tendon >= 0 || excess <= 0 || b->law.still < HCB_NO_FALL) return 0;
-  return fmin(approach + HCB_LIFTS * b->law.still, excess / HCB_LIFT_TIME);
+  double excess = excess_of(m, b), approach = fmax(0, -b->rate[0]);
+  return b->rests && excess > 0 ? fmin(approach + HCB_LIFTS * b->law.still, excess / HCB_LIFT_TIME) : 0;
 }
 
 static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, int loaded) {

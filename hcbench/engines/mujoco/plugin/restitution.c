@@ -81,6 +81,7 @@ static void add_contact(const mjModel* m, const mjData* d, const instance* memor
   b->instance = i, b->id = id, b->order = order, b->contact = k;
   read_contact(m, d, memory, c, b);
   b->law = law_of_contact(m, instance_of(d, i), b->friction[0], fall(m, b->body, c->frame));
+  if (turns_in(m, b)) b->law.kind = HCB_CONSTANT, b->law.value = 0; /* no impact: it is lifted as it rests */
 }
 
 static int add_limit(const mjModel* m, const mjData* d, int i, blow* all) {
