@@ -49,8 +49,6 @@ typedef struct { /* an instance, in mjData.plugin_data */
   number stiffness, alpha, e;
   double exponent, static_friction, dynamic_friction, slip_speed;
   double lets, starts_in; /* how deep MuJoCo's contact would have gone, and its pair was where states do not follow one another, m */
-  double deepest[2]; /* how deep the pair is, and was a step ago, m */
-  int skew; /* whether it has gone deeper while its bodies parted, since it touched */
   /* of the first instance: what all instances were read from (is_read), size bytes */
   char* source;
   size_t size;
@@ -305,7 +303,7 @@ static void destroy(mjData* d, int i) {
 /* Ends the step that is under way, and forgets what was before. */
 static void forget(instance* own) {
   own->stage = own->starts = own->stand = own->mocaps = own->bornes = 0;
-  own->lets = own->starts_in = own->deepest[0] = own->deepest[1] = own->skew = 0;
+  own->lets = own->starts_in = 0;
   own->seen = NAN;
 }
 
@@ -317,8 +315,6 @@ static void copy(mjData* to, const mjModel* m, const mjData* from, int i) {
   forget(own);
   own->lets = other->lets;
   own->starts_in = other->starts_in;
-  mju_copy(own->deepest, other->deepest, 2);
-  own->skew = other->skew;
   own->seen = other->seen;
   copy_forces(own, other);
   if (!size) return;

@@ -9,7 +9,6 @@
 #define HCB_COARSE_STEP 0.125 /* of a contact's time constant: from there on limbs sink deeper in a step than MuJoCo's contact, ... */
 #define HCB_COARSE_FREE 0.3    /* ... and free bodies from there on, ... */
 #define HCB_DEEPER 1e-3    /* ... named where that may be more, m */
-#define HCB_SKEW 1e-6      /* m, by which a contact goes deeper in a step at least where its normal is not that of the shapes */
 #define HCB_ITERATIONS 5   /* of the solver Newton, without which robots sink; ... */
 #define HCB_ITERATIONS_OTHERS 20 /* ... of CG and PGS */
 
@@ -82,7 +81,7 @@ static void add_contact(const mjModel* m, const mjData* d, const instance* memor
   b->instance = i, b->id = id, b->order = order, b->contact = k;
   read_contact(m, d, memory, c, b);
   b->law = law_of_contact(m, instance_of(d, i), b->friction[0], fall(m, b->body, c->frame));
-  if (turns_in(m, b)) b->law.kind = HCB_CONSTANT, b->law.value = 0; /* no impact: it is lifted as it rests */
+  set_lift(m, b);
 }
 
 static int add_limit(const mjModel* m, const mjData* d, int i, blow* all) {
@@ -478,33 +477,12 @@ static void warn_of_depth(const mjModel* m, const blow* all, int count, instance
   }
 }
 
-/* Whether a contact has gone deeper in the last step while its bodies part along its normal, which so is not that of their shapes:
-   MuJoCo takes a face of a box for the normal where a wheel meets the box's edge. */
-static int is_skew(const mjModel* m, const instance* own, const blow* b) {
-  double h = m->opt.timestep, deeper = b->x - own->deepest[1];
-  int touched = own->deepest[1] > 0, parts = b->tendon < 0 && b->rate[0] > b->law.still;
-  return touched && parts && deeper > fmax(0.5 * h * b->rate[0], HCB_SKEW) + h * b->swing;
-}
-
-/* Once a step: how deep pairs are, and were a step ago; which are skew, until they part; and how deep they may be after a landing, which
-   is lifted. */
-static void follow_depths(const mjModel* m, const mjData* d, const blow* all, int count, int first) {
+/* Once a step: lowers how deep pairs may be after a landing, as it is lifted. */
+static void lower_what_is_let(const mjModel* m, const mjData* d, int first) {
   double h = m->opt.timestep, lifted = HCB_LIFTS * HCB_STILL * mju_norm3(m->opt.gravity) * h * h;
   if (instance_of(d, first)->seen == d->time) return;
   for (int i = first; i < m->nplugin; i++) {
-    if (m->plugin[i] != m->plugin[first]) continue;
-    instance* own = instance_of(d, i);
-    own->lets = fmax(0, own->lets - lifted);
-    own->deepest[1] = own->deepest[0];
-    own->deepest[0] = 0;
-  }
-  for (int i = 0; i < count; i++) {
-    instance* own = instance_of(d, all[i].instance);
-    own->deepest[0] = fmax(own->deepest[0], all[i].x);
-    own->skew |= is_skew(m, own, all + i);
-  }
-  for (int i = first; i < m->nplugin; i++) {
-    if (m->plugin[i] == m->plugin[first] && instance_of(d, i)->deepest[0] == 0) instance_of(d, i)->skew = 0;
+    if (m->plugin[i] == m->plugin[first]) instance_of(d, i)->lets = fmax(0, instance_of(d, i)->lets - lifted);
   }
 }
 
@@ -537,7 +515,7 @@ static void warn_of_sunk(const mjModel* m, const mjData* d, const blow* all, int
     double third = third_of_constant(m, b);
     own->lets = larger(own->lets, follows ? -b->rate[0] * third : fabs(b->rate[0]) * fmax(third, h));
     own->starts_in = larger(own->starts_in, follows ? 0 : b->x);
-    if (!follows || own->skew || !(b->x > larger(own->lets, gravity * third * third) + HCB_DEEPER)) continue;
+    if (!follows || !(b->x > larger(own->lets, gravity * third * third) + HCB_DEEPER)) continue;
     const blow** one = deepest + (b->x <= own->starts_in + HCB_DEEPER);
     if (!*one || b->x > (*one)->x) *one = b;
   }
@@ -627,7 +605,7 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
     }
     warn_of_turns(m, d, all, count, memory);
     warn_of_depth(m, all, count, memory);
-    follow_depths(m, d, all, count, first);
+    lower_what_is_let(m, d, first);
     warn_of_sunk(m, d, all, count, memory);
     memory->seen = d->time;
     if (memory->trees != m->ntree) memory->wild = realloc(memory->wild, ((memory->trees = m->ntree) + 1) * sizeof(int));
@@ -657,8 +635,7 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
   for (int i = 0; i < count; i++) {
     all[i].held = loaded && all[i].touches && !all[i].rests;
     int is_new = stage < 2 || !planned(memory, all[i].instance, all[i].id, all[i].order);
-    int own_rows = is_lifted(m, memory, all + i) || instance_of(d, all[i].instance)->skew;
-    if (!is_new || !own_rows) set_rows(m, d, memory, all + i, stage, loaded);
+    if (!is_new || !is_lifted(m, memory, all + i)) set_rows(m, d, memory, all + i, stage, loaded);
   }
   start_from_last(m, d, memory, all, count);
   mj_freeStack(d);
