@@ -278,7 +278,8 @@ def _power_of_turning(model: Any, data: Any) -> float:
 
 
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
-NAMED = ("rad in a step", "too fast for a step")  # that MuJoCo's own step may gain energy
+# What gains energy: MuJoCo's own step, and the lift of what starts inside or lands deep.
+NAMED = ("rad in a step", "too fast for a step", "mm inside body", "may land more than")
 NAMED_DEPTHS = ("mm deeper than on MuJoCo's own contact", "mm inside body")
 DEEPER = 1e-3  # m, up to which none goes deeper than native contact that the plug-in does not name
 
@@ -287,7 +288,7 @@ DEEPER = 1e-3  # m, up to which none goes deeper than native contact that the pl
 class Seen:
     """gain: of contact, over the first energy; depth: the largest, m; both NaN where the state was.
 
-    named: whether the plug-in warned that MuJoCo's own step may gain energy.
+    named: whether the plug-in warned of what may gain energy (NAMED).
     names_depth: whether it warned that bodies are deeper than on native contact, or start so.
     met: the state in which the two that went in deepest met, and the steps left.
     """

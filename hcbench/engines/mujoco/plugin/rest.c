@@ -16,6 +16,10 @@
 #define HCB_REST_FORCES 1e-6   /* under PGS and noslip, whose forces the step takes; */
 #define HCB_FORCES_MOVING 1e-5 /* under these in motion: of 200 thrown boxes one met a force 30 times too high */
 #define HCB_STANDS 1e-5        /* m/s and rad/s, up to which a contact stands still */
+#define HCB_LIFTS 0.5       /* of the speed that counts as rest, at which what rests too deep is lifted; */
+#define HCB_RETURNS 0.9     /* of the speed at which it turns in, besides: two ends of a body that send each other down gain nothing */
+#define HCB_LIFT_STEPS 2    /* in which it is, or more; */
+#define HCB_NO_FALL 1e-8    /* m/s: that speed, where gravity closes no contact */
 #define HCB_STRAYS 1e-2 /* of the speed that counts as rest, up to which contacts may move that are to stand (strays.c) */
 #define HCB_NO_FORCE 1e-40    /* D of a row whose force starts from 0 */
 #define HCB_SILENT -1e10       /* m/s^2: a row that never pushes */
@@ -24,8 +28,8 @@ typedef struct { /* a contact of a law: rows of the solver from `row` on */
   int instance, id, order, contact, tendon, body[2], row, rows, dim, cone, touches, rests, held; /* held: parts, and must not close */
   double rate[6], lead[3], turn[3], friction[5]; /* lead: of the first three of the rates, by half a step; turn: of
                                             the last three, after the impact */
-  double slip, dilation, parting, swing, x, constant; /* dilation: speed at which the slip parts MuJoCo's cones; swing: at most what
-                                                         turning adds to the rate in a step; constant: solref's first number */
+  double slip, dilation, parting, swing, x, constant, lift; /* dilation: speed at which the slip parts MuJoCo's cones; swing: at most what
+                                                         turning adds to the rate in a step; constant: solref's first number; lift: m/s, where it rests */
   const double *point, *frame;
   hcb_contact law;
 } blow;
@@ -122,7 +126,7 @@ static double rest_compliance(const mjModel* m, const mjData* d, const blow* b, 
 static int may_stray(const mjModel* m, const blow* b, int loaded) {
   double slow = HCB_STRAYS * b->law.still;
   int slides = larger(b->slip, length(b->rate[1], b->rate[2])) > slow, turns = b->dim > 3 && b->dilation > slow;
-  int reasons = loaded + (m->opt.solver != mjSOL_NEWTON) + slides;
+  int reasons = loaded + (m->opt.solver != mjSOL_NEWTON) + (m->opt.integrator == mjINT_RK4) + slides;
   return b->tendon < 0 && (b->rests || b->held) && (turns || reasons > 1 || stops_early(m));
 }
 
@@ -161,11 +165,34 @@ static void even_cone(const mjModel* m, mjData* d, const blow* b) {
   d->contact[b->contact].mu = b->friction[0] * sqrt(d->efc_R[b->row + 1] / d->efc_R[b->row]); /* MuJoCo makes it of its own rows so */
 }
 
+/* About a third of the time constant of MuJoCo's own contact, s: after an approach u it goes as deep as u times that, and a body that
+   rests on it stands as deep as g times its square. */
+static double third_of_constant(const mjModel* m, const blow* b) {
+  double least = m->opt.disableflags & mjDSBL_REFSAFE ? 0 : 2 * m->opt.timestep;
+  return HCB_COARSE_FREE * (b->constant > 0 ? fmax(b->constant, least) : 1 / sqrt(fmax(-b->constant, mjMINVAL)));
+}
+
+/* Sets the speed at which a contact is lifted where it rests deeper than on MuJoCo's own contact. Rows hold velocities, and what turns
+   sinks by more than these say: the point at which a disc touches runs on, and the next one comes down at a speed u that the last step
+   did not stop. As it comes down by u h/2 within a step, speeds of -u and u at its two ends keep the depth and the energy; 0 at the end
+   loses both, and so does an impact. What comes down that slowly in a deep contact is at rest, then; what has just landed is as deep as
+   it came in the step, and is not meant. What a landing left goes at a speed that the next step's fall takes back, so that nothing hops.
+   Where gravity closes no contact, what is lifted would go on. */
+static void set_lift(const mjModel* m, blow* b) {
+  double h = m->opt.timestep, third = third_of_constant(m, b), approach = fmax(0, -b->rate[0]);
+  double excess = b->x - mju_norm3(m->opt.gravity) * third * third - approach * h, most = excess / (HCB_LIFT_STEPS * h);
+  if (excess <= 0 || b->law.still < HCB_NO_FALL) return;
+  int turns_in = approach <= most;
+  b->lift = fmin(most, HCB_LIFTS * b->law.still + (turns_in ? HCB_RETURNS * approach : 0));
+  if (turns_in) b->law.kind = HCB_CONSTANT, b->law.value = 0;
+  if (turns_in && m->opt.integrator == mjINT_RK4) b->law.still = fmax(b->law.still, approach); /* its step is not made again */
+}
+
 static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, int loaded) {
   plan now = {.rows = b->rows}, *made = stage > 1 ? planned(memory, b->instance, b->id, b->order) : NULL;
   double h = m->opt.timestep, mu = b->friction[0], compliance = rest_compliance(m, d, b, loaded);
   /* Back as fast, at the same depth and for no work: what turning has parted, and all in RK4, which moves on the way. */
-  double closing = fmax(0, b->held ? 0 : stage ? b->parting : fmin(b->parting, b->swing));
+  double closing = fmax(0, b->held ? 0 : stage ? b->parting : fmin(fmin(b->parting, b->rate[0]), b->swing)) - (b->rests ? b->lift : 0);
   for (int i = 0; i < b->rows; i++) {
     int k = b->cone ? 1 + i / 2 : i;
     double tangential = b->cone ? (i % 2 ? -1 : 1) * b->friction[k - 1] * b->rate[k] : 0;

@@ -81,6 +81,7 @@ static void add_contact(const mjModel* m, const mjData* d, const instance* memor
   b->instance = i, b->id = id, b->order = order, b->contact = k;
   read_contact(m, d, memory, c, b);
   b->law = law_of_contact(m, instance_of(d, i), b->friction[0], fall(m, b->body, c->frame));
+  set_lift(m, b);
 }
 
 static int add_limit(const mjModel* m, const mjData* d, int i, blow* all) {
@@ -476,14 +477,23 @@ static void warn_of_depth(const mjModel* m, const blow* all, int count, instance
   }
 }
 
+/* Once a step: lowers how deep pairs may be after a landing, as it is lifted. */
+static void lower_what_is_let(const mjModel* m, const mjData* d, int first) {
+  double h = m->opt.timestep, lifted = HCB_LIFTS * HCB_STILL * mju_norm3(m->opt.gravity) * h * h;
+  if (instance_of(d, first)->seen == d->time) return;
+  for (int i = first; i < m->nplugin; i++) {
+    if (m->plugin[i] == m->plugin[first]) instance_of(d, i)->lets = fmax(0, instance_of(d, i)->lets - lifted);
+  }
+}
+
 static void warn_of_one_sunk(const mjModel* m, const mjData* d, const blow* b, int starts) {
   int side = m->body_treeid[b->body[1]] >= 0;
   char name[2][NAME];
   describe(m, mjOBJ_BODY, b->body[side], name[0]);
   describe(m, mjOBJ_BODY, b->body[!side], name[1]);
   if (starts) {
-    mju_warning("plugin %s: body %s starts %.3g mm inside body %s, and may stay so, as a law does not lift it; MuJoCo's own contact "
-                "would: start it outside", RESTITUTION_NAME, name[0], 1e3 * b->x, name[1]);
+    mju_warning("plugin %s: body %s starts %.3g mm inside body %s. It is lifted where it rests, slowly, and stays so elsewhere; "
+                "MuJoCo's own contact would throw it out: start it outside", RESTITUTION_NAME, name[0], 1e3 * b->x, name[1]);
   } else {
     mju_warning("plugin %s: body %s stands %.2g mm deep in body %s at %g s, more than %g mm deeper than on MuJoCo's own contact: set a "
                 "finer timestep than %g s, or let nothing crush it", RESTITUTION_NAME, name[0], 1e3 * b->x, name[1], d->time,
@@ -493,7 +503,7 @@ static void warn_of_one_sunk(const mjModel* m, const mjData* d, const blow* b, i
 
 /* Names once a body that stands deeper than MuJoCo's own contact would let it: after an approach u about a third of u in its time
    constant, at rest about g times the square of a third of that. A state that does not follow the last one may be as deep as it is:
-   what is as deep a step later has started inside, and MuJoCo's own contact would lift it, by energy that a law does not have. */
+   what is as deep a step later has started inside. */
 static void warn_of_sunk(const mjModel* m, const mjData* d, const blow* all, int count, instance* memory) {
   double h = m->opt.timestep, gravity = mju_norm3(m->opt.gravity);
   int follows = memory->seen == d->time || is_next(m, d, memory);
@@ -502,8 +512,7 @@ static void warn_of_sunk(const mjModel* m, const mjData* d, const blow* all, int
     const blow* b = all + i;
     if (b->tendon >= 0) continue;
     instance* own = instance_of(d, b->instance);
-    double least = m->opt.disableflags & mjDSBL_REFSAFE ? 0 : 2 * h;
-    double third = HCB_COARSE_FREE * (b->constant > 0 ? fmax(b->constant, least) : 1 / sqrt(fmax(-b->constant, mjMINVAL)));
+    double third = third_of_constant(m, b);
     own->lets = larger(own->lets, follows ? -b->rate[0] * third : fabs(b->rate[0]) * fmax(third, h));
     own->starts_in = larger(own->starts_in, follows ? 0 : b->x);
     if (!follows || !(b->x > larger(own->lets, gravity * third * third) + HCB_DEEPER)) continue;
@@ -596,6 +605,7 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
     }
     warn_of_turns(m, d, all, count, memory);
     warn_of_depth(m, all, count, memory);
+    lower_what_is_let(m, d, first);
     warn_of_sunk(m, d, all, count, memory);
     memory->seen = d->time;
     if (memory->trees != m->ntree) memory->wild = realloc(memory->wild, ((memory->trees = m->ntree) + 1) * sizeof(int));

@@ -49,9 +49,11 @@ static int strays(const mjModel* m, const mjData* d, int first) {
   int found = memory->stand && is_unsolved(m, d, first) ? 3 : 0;
   for (int i = 0; i < memory->stand && found < 3; i++) {
     int k = memory->stands[i].contact;
-    double rate = rate_along(m, d, memory, d->contact + k, 0) + memory->stands[i].closing, slow = strays_from(m, d->contact + k), force[6];
-    if (rate > slow) solver_force(m, d, k, force);
-    found |= (-rate > slow ? 1 : 0) | (rate > slow && force[0] > 0 ? 2 : 0);
+    double rate = rate_along(m, d, memory, d->contact + k, 0), closing = memory->stands[i].closing, force[6];
+    double slow = strays_from(m, d->contact + k);
+    int approaches = -rate - fmax(0, closing) > slow, parts = rate + closing > slow;
+    if (parts) solver_force(m, d, k, force);
+    found |= (approaches ? 1 : 0) | (parts && force[0] > 0 ? 2 : 0);
   }
   return found;
 }
@@ -91,6 +93,31 @@ static double share_that_takes(const mjModel* m, mjData* d, const double* change
   return share;
 }
 
+/* What lets contacts that are to stand do so, into `change` of the velocities, and the share of it that adds no kinetic energy:
+   impacts of e = 0 from the rates u, shape (n, 3); `anew`: from those without the solver's forces of these contacts. */
+static double change_to_stand(const mjModel* m, mjData* d, const instance* memory, const tree_parts* t, const hcb_system* s,
+                              const double* u, int anew, double* change) {
+  int n = s->n;
+  mj_markStack(d);
+  double *rates = stack(d, 3 * n), *p = stack(d, 3 * n), *work = stack(d, hcb_impacts_work(n, t->parts, m->nv));
+  mju_zero(change, m->nv);
+  for (int i = 0; i < n && anew; i++) {
+    double force[6];
+    solver_force(m, d, memory->stands[i].contact, force);
+    push_change(t, s->rows + i, force, -m->opt.timestep, change);
+  }
+  for (int i = 0; i < n; i++) {
+    along_rows(t, s->rows[i].part, s->rows[i].J, change, rates + 3 * i);
+    mju_addTo3(rates + 3 * i, u + 3 * i);
+    rates[3 * i] += anew ? memory->stands[i].closing : fmax(0, memory->stands[i].closing);
+  }
+  hcb_impacts(s, rates, p, work);
+  for (int i = 0; i < n; i++) push_change(t, s->rows + i, p + 3 * i, 1, change);
+  double share = is_sound(change, m->nv) ? share_that_takes(m, d, change) : 0;
+  mj_freeStack(d);
+  return share;
+}
+
 static void hold_still(const mjModel* m, mjData* d, int first, int anew) {
   instance* memory = instance_of(d, first);
   int n = memory->stand, nv = m->nv, damped = takes_forces(m);
@@ -100,28 +127,17 @@ static void hold_still(const mjModel* m, mjData* d, int first, int anew) {
   tree_parts t = make_parts(m, d, first, 0);
   hcb_rows* rows = mj_stackAllocByte(d, (n + 1) * sizeof(hcb_rows), sizeof(double));
   hcb_contact* laws = mj_stackAllocByte(d, (n + 1) * sizeof(hcb_contact), sizeof(double));
-  double *u = stack(d, 3 * n), *p = stack(d, 3 * n), *work = stack(d, hcb_impacts_work(n, t.parts, nv)), *change = stack(d, nv);
-  mju_zero(change, nv);
+  double *u = stack(d, 3 * n), *change = stack(d, nv);
   for (int i = 0; i < n; i++) {
     const mjContact* c = d->contact + memory->stands[i].contact;
-    double force[6];
     rows[i] = rows_in_step(m, d, memory, &t, c, damped, u + 3 * i);
     laws[i] = (hcb_contact){HCB_CONSTANT, 0, c->dim > 1 ? c->friction[0] : 0, strays_from(m, c), 0, 0};
-    if (!anew) continue;
-    solver_force(m, d, memory->stands[i].contact, force);
-    push_change(&t, rows + i, force, -h, change);
-  }
-  for (int i = 0; i < n; i++) {
-    double freed[3];
-    along_rows(&t, rows[i].part, rows[i].J, change, freed);
-    mju_addTo3(u + 3 * i, freed);
-    u[3 * i] += memory->stands[i].closing;
   }
   hcb_system s = {n, t.parts, t.at, rows, laws};
-  hcb_impacts(&s, u, p, work);
-  for (int i = 0; i < n; i++) push_change(&t, rows + i, p + 3 * i, 1, change);
-  if (is_sound(change, nv)) {
-    mju_scl(change, change, share_that_takes(m, d, change), nv);
+  double share = change_to_stand(m, d, memory, &t, &s, u, anew, change);
+  if (anew && share < 1) share = change_to_stand(m, d, memory, &t, &s, u, 0, change); /* the solver's forces drive others, too */
+  if (share > 0) {
+    mju_scl(change, change, share, nv);
     mju_addTo(d->qvel, change, nv);
     mj_integratePos(m, d->qpos, change, m->opt.integrator == mjINT_RK4 ? h / 2 : h);
   }
