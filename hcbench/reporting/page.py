@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
@@ -107,6 +107,14 @@ def _in_clone(folder: Path, path: str) -> str:
 # The page itself.
 
 PAGE = "index.html"
+_CODE = re.compile(r"`([^`]+)`")
+
+
+def _with_code(text: str) -> Markup:
+    """A sentence as HTML, with what stands between backticks as code."""
+    return Markup(_CODE.sub(r"<code>\1</code>", str(escape(text))))
+
+
 # How templates write numbers and names.
 _FILTERS: dict[str, Callable[..., str]] = {
     "alpha": wording.alpha,
@@ -118,6 +126,9 @@ _FILTERS: dict[str, Callable[..., str]] = {
     "percent": wording.percent,
     "sanitized": _text.sanitized,
     "typeset": wording.typeset,
+    "plus_minus": lambda text: text.replace("+-", "±"),
+    "sentence": wording.sentence,
+    "with_code": _with_code,
 }
 
 
