@@ -95,7 +95,7 @@ _MENDS = (
     ),
     (re.compile(r'<aside class="(sidebar-drawer)'), r'<aside aria-label="All pages" class="\1'),
     (re.compile(r'<aside class="(toc-drawer)'), r'<aside aria-label="This page" class="\1'),
-    (re.compile(r"<th([^>]*)></th>"), r"<td\1></td>"),
+    (re.compile(r"<th([^>]*)>(?:<p></p>)?</th>"), r"<td\1></td>"),
     (re.compile(r"<pre>"), '<pre tabindex="0">'),
     (
         re.compile(r'<div class="(table-wrapper)'),

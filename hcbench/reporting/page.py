@@ -293,17 +293,22 @@ def png_bytes(figure: Figure) -> bytes:
 
 _COORDINATES = re.compile(r' (?:d|x|y)="[^"]*"')
 _LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
+# A path of dots: lines of two points each.
+_DOTS = re.compile(r' d="((?:M \S+ \S+\s+L \S+ \S+\s*){3,})"')
+_DOT = re.compile(r"M \S+ \S+\s+L \S+ \S+")
 
 
 def _shortened(svg: str) -> str:
     """An SVG with its coordinates rounded to 1/100 point: a third of the bytes gone and no
-    pixel moved. Scales and other attributes stay, so that text keeps its size.
+    pixel moved. Scales and other attributes stay, so that text keeps its size. A dot that several
+    points make, as a motion that repeats does, stands once.
     """
 
     def short(number: re.Match[str]) -> str:
         return f"{float(number[0]):.2f}".rstrip("0").rstrip(".")
 
-    return _COORDINATES.sub(lambda path: _LONG_NUMBER.sub(short, path[0]), svg)
+    rounded = _COORDINATES.sub(lambda path: _LONG_NUMBER.sub(short, path[0]), svg)
+    return _DOTS.sub(lambda path: f' d="{" ".join(dict.fromkeys(_DOT.findall(path[1])))}"', rounded)
 
 
 # The numbers behind a figure: each curve as it is drawn, as a table.
