@@ -341,6 +341,7 @@ def completion(shell: str) -> None:
 # hcbench docs: the documentation of the installed version, as text.
 
 _TITLE = re.compile(r"^# (.+)$", re.MULTILINE)
+_HEADING = re.compile(r"^(#+) (.+)$", re.MULTILINE)
 # A page that is another file of the repository.
 _INCLUDED = re.compile(r"```\{include\} (\S+)\n.*?```\n", re.DOTALL)
 
@@ -350,11 +351,14 @@ _INCLUDED = re.compile(r"```\{include\} (\S+)\n.*?```\n", re.DOTALL)
 def docs(page: str | None) -> None:
     """List the pages of the documentation, or print one.
 
-    PAGE is a name of the list, such as howto/tune. Pages are Markdown.
+    PAGE is a name of the list, such as howto/tune, or a section of one: causes#gravity. Pages are
+    Markdown.
     """
     pages = _pages()
     if page is not None:
-        print(_text(pages[_known(page, list(pages))]), end="")
+        name, _, anchor = page.partition("#")
+        text = _text(pages[_known(name, list(pages))])
+        print(_section(text, anchor) if anchor else text, end="")
         return
     site = address("Documentation")
     if site:
@@ -391,6 +395,22 @@ def _known(page: str, names: list[str]) -> str:
     near = same or difflib.get_close_matches(wanted, names, 3, 0.5)
     expected = f"one of: {', '.join(near)}" if near else "the name of a page"
     raise UserError("PAGE", repr(page), expected, "`hcbench docs` lists them")
+
+
+def _section(text: str, anchor: str) -> str:
+    """The part of a page from a heading to the next one that is not below it.
+
+    anchor: of the heading, as in the page's address. Raises UserError where the page has none such.
+    """
+    headings = list(_HEADING.finditer(text))
+    anchors = [re.sub(r"[^\w-]", "", h[2].lower().replace(" ", "-")) for h in headings]
+    if anchor not in anchors:
+        near = difflib.get_close_matches(anchor, anchors, 3, 0.5) or anchors[:3]
+        raise UserError("PAGE", f"no section {anchor!r}", f"one of: {', '.join(near)}")
+    start = headings[anchors.index(anchor)]
+    level = len(start[1])
+    ends = [h.start() for h in headings if h.start() > start.start() and len(h[1]) <= level]
+    return f"{text[start.start() : min(ends, default=len(text))].strip()}\n"
 
 
 def _text(path: Path) -> str:

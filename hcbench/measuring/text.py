@@ -338,7 +338,7 @@ def cause_lines(causes: tuple[Cause, ...], remedy: str) -> list[str]:
             if len(causes) > 1 and math.isfinite(cause.without):
                 tried += f", with all others by {cause.without:.2g}"
             lines.append(f"  tried  {tried}")
-        lines.append(f"  more   docs/reference/causes.md#{cause.code}")
+        lines.append(f"  more   hcbench docs causes#{cause.code}")
     if remedy:
         lines += ["", remedy]
     return lines

@@ -293,9 +293,9 @@ def png_bytes(figure: Figure) -> bytes:
 
 _COORDINATES = re.compile(r' (?:d|x|y)="[^"]*"')
 _LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
-# A path of dots: lines of two points each.
-_DOTS = re.compile(r' d="((?:M \S+ \S+\s+L \S+ \S+\s*){3,})"')
-_DOT = re.compile(r"M \S+ \S+\s+L \S+ \S+")
+# A path of dots: short lines, one after the other.
+_DOT = re.compile(r"M \S+ \S+(?:\s+L \S+ \S+){1,2}(?=\s)")
+_DOTS = re.compile(rf' d="((?:{_DOT.pattern}\s*){{3,}})"')
 
 
 def _shortened(svg: str) -> str:
