@@ -30,7 +30,7 @@ define NEW_ENVIRONMENT
 endef
 UV_INSTALL = $(@D)/bin/uv pip install --quiet --python $(@D)/bin/python
 
-.PHONY: report test test-all test-machines test-pythons fuzz test-random docs sessions release-check mutants test-plugins test-answers answers test-searches test-lowest test-newest versions test-models test-reality test-engines bench site check lint types format lock clean
+.PHONY: report test test-all test-machines test-pythons fuzz test-random docs sessions release-check mutants test-plugins test-answers answers test-searches test-lowest test-newest versions test-models test-reality test-engines bench site browse check lint types format lock clean
 
 DIGESTS := reports/steel-1lb/hcbench-files.json
 report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/, and compare it with the repository's
@@ -137,6 +137,9 @@ mutants: $(INSTALLED)  ## small changes of the physics in a copy, one by one: th
 
 site: docs  ## the documentation and the reports in one folder, site/, that any static host takes
 	$(BIN)/python docs/site_folder.py docs/_build/html site
+
+browse: site  ## every page of the site in Chromium, wide, on a phone and in the dark, with axe-core
+	PYTHONPATH=tests/support $(BIN)/python -m browse site
 
 check: $(INSTALLED)  ## the documentation, lint and types, side by side; in a new environment the tests are compiled, too
 	+@$(MAKE) --no-print-directory -j3 docs lint types $(COMPILED)

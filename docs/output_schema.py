@@ -491,7 +491,7 @@ OUTPUTS: dict[str, Any] = {
     "tune MODEL": TUNE_MODEL,
     "randomize": RANDOMIZE,
     "fit": FIT,
-    "pairs": PAIRS,
+    "measure MODEL": PAIRS,
     "land": LAND | list[LAND],
     "engines": ENGINES,
     "convert": CONVERT,

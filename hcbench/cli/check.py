@@ -1,10 +1,11 @@
-"""hcbench measure, pairs, check and land: measure a user's model; fail CI when its restitution is
+"""hcbench measure, check and land: measure a user's model; fail CI when its restitution is
 wrong.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import sys
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
@@ -24,9 +25,9 @@ from hcbench.cli.console import (
     status,
 )
 from hcbench.cli.help import command
-from hcbench.system.errors import EngineFailed, UserError
+from hcbench.system.errors import EngineFailed, PairUnnamed, UserError
 from hcbench.system.text import joined_names, sanitized, split_names
-from hcbench.terms.options import LAUNCHES, OPTIONS
+from hcbench.terms.options import LAUNCHES, OPTIONS, renamed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -102,7 +103,8 @@ def measure(
 ) -> None:
     """Measure how a pair bounces in your own model.
 
-    Report restitution over speed, force loops, and why it differs from the target.
+    Report restitution over speed, force loops, and why it differs from the target. Without --pair,
+    list which parts of the model can meet, if several do.
     """
     with status("opening the model"):
         from hcbench.checking.spec import plan
@@ -130,8 +132,14 @@ def measure(
     if each:
         _measure_each(job, asked.limit, as_json)
         return
-    with status("measuring"):
-        measurement = measure_job(job, asked.limit)
+    try:
+        with status("measuring"):
+            measurement = measure_job(job, asked.limit)
+    except PairUnnamed:
+        if page is not None or contact or asked.wanted is not None:
+            raise
+        _list_pairs(job, asked.limit, as_json, models, python)
+        return
     if measurement.failure:
         raise EngineFailed("model", measurement.failure, "a bounce")
     if page is not None:
@@ -160,9 +168,7 @@ def _next_line(
     from hcbench.sim.capabilities import TunesModels
 
     facts = measurement.facts
-    source = " ".join(map(quote, models))
-    if python is not None:
-        source = f"--python {quote(python)}"
+    source = _typed(models, python)
     pair = quote(options["pair"] or joined_names(facts.pair))
     targets = []
     for name in ("material", "alpha", "restitution"):
@@ -172,7 +178,9 @@ def _next_line(
     target = " ".join(targets)
 
     if measurement.wanted is None:
-        missed = all(impact.restitution < _NO_BOUNCE for impact in measurement.measured)
+        # A baseline would keep a bounce that has a cause to be wrong.
+        stays = all(impact.restitution < _NO_BOUNCE for impact in measurement.measured)
+        missed = stays or bool(measurement.causes)
     else:
         errors = measurement.errors(measurement.wanted)
         missed = any(abs(error) > TOLERANCE for _, error in errors)
@@ -219,6 +227,33 @@ def _measure_trajectory(job: Job, trajectory: Path, limit: float | None, as_json
         show(touchdowns_text(motion).rstrip())
 
 
+def _list_pairs(
+    job: Job, limit: float | None, as_json: bool, models: tuple[str, ...], python: str | None
+) -> None:
+    """Print which parts of a model can meet, and the command that measures the first.
+
+    job: its model, engine and pose. limit: s, after which the worker counts as hung. models,
+    python: as they were typed. Raises UserError for a model that cannot be opened, and EngineFailed.
+    """
+    from hcbench.measuring.measure import list_pairs
+    from hcbench.sim.model_under_test import as_records, as_table
+
+    with status("listing the pairs"):
+        parts = list_pairs(job, limit)
+    if as_json:
+        print_json(as_records(parts))
+        return
+    show(as_table(parts).rstrip())
+    if parts:
+        line = f"hcbench measure {_typed(models, python)} --pair {quote(parts[0].pair)}"
+        show(f"\nnext:\n  {line}")
+
+
+def _typed(models: tuple[str, ...], python: str | None) -> str:
+    """A model as it was typed: its files, or --python."""
+    return " ".join(map(quote, models)) if python is None else f"--python {quote(python)}"
+
+
 def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
     """Measure and print every pair that touches at the start; pairs that cannot be measured are
     reported and skipped.
@@ -233,7 +268,7 @@ def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
         pairs = [pair for pair in list_pairs(job, limit) if pair.touching]
     if not pairs:
         advice = (
-            "`hcbench pairs` lists what can meet; name one by --pair, or start from another --key"
+            "Without --all it lists what can meet; name one by --pair, or start from another --key"
         )
         raise UserError("all", "no two parts touch at the start", "a pose in which some do", advice)
     records: list[object] = []
@@ -255,28 +290,20 @@ def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
         print_json(records)
 
 
-@command()
+@command(hidden=True)
 @options("key", "qpos", "state", "package")
 @model_source
 @as_json
 def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options: object) -> None:
-    """List which parts of your model can meet, and which do.
-
-    Show what moves them, their effective mass and their contact parameters.
-    """
+    """Old name of `hcbench measure` without --pair, which this version still takes."""
     from hcbench.checking.spec import plan
-    from hcbench.measuring.measure import Job, list_pairs
+    from hcbench.measuring.measure import Job
     from hcbench.measuring.measurement import TOLERANCE
-    from hcbench.sim.model_under_test import as_records, as_table
 
+    print(f"hcbench: {renamed('pairs', 'measure, without --pair')}", file=sys.stderr)
     asked = plan(_spec(models, python, options, required=True))
     job = Job(asked.source, asked.engine, asked.request, None, TOLERANCE, False)
-    with status("listing the pairs"):
-        parts = list_pairs(job, asked.limit)
-    if as_json:
-        print_json(as_records(parts))
-    else:
-        show(as_table(parts).rstrip())
+    _list_pairs(job, asked.limit, as_json, models, python)
 
 
 @command()

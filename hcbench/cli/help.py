@@ -74,9 +74,19 @@ _OWN: dict[str, Mapping[str, Sequence[str]]] = {
         "Study `reality`": ("sets", "data", "part", "identify"),
         "Your own toss": ("poses", "size", "mass", "model", "inertia"),
     },
+    "check": {"Drops": ("heights", "tilt", "controller")},
     "land": {"Drops": ("heights", "tilt", "controller")},
     "randomize": {"Worlds": ("restitution", "friction", "worlds", "seed")},
     "sweep": {"Of a MODEL": ("vary", "samples", "seed", "shard", "part-rows", "rest")},
+}
+# Options of many commands, which the help of hcbench itself explains.
+_EVERYWHERE = ("--json", "--force", "--beyond-bounds", "--jobs", "--help")
+# The command whose help explains the options of a group; others that have the same name them.
+_EXPLAINED_BY = {
+    "Model": "measure",
+    "Launches": "measure",
+    "Of a MODEL": "measure",
+    "Drops": "land",
 }
 # Groups that a help shows only beside the word that they belong to: `hcbench report reality --help`.
 _ONLY_WITH = {"Study `reality`": "reality", "Your own toss": "reality"}
@@ -180,25 +190,72 @@ class Command(click.Command):
         return super().parse_args(ctx, named)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options, a section a group."""
-        groups = {**_OWN.get(self.name or "", {}), **_COMMON}
-        titles = ["Target", *groups, "Options"]
-        sections: dict[str, list[tuple[str, str]]] = {title: [] for title in titles}
-        for parameter in self.get_params(ctx):
-            if not isinstance(parameter, click.Option):
-                continue
-            record = parameter.get_help_record(ctx)
-            if record is None:
-                continue
-            flag = parameter.opts[0].lstrip("-")
-            title = next((title for title, flags in groups.items() if flag in flags), "Options")
+        """Write the options in groups, and the names of those that another help explains."""
+        _write_options(ctx, formatter)
+
+
+def _write_options(ctx: click.Context, formatter: click.HelpFormatter) -> None:
+    """Write the options of a command, a section a group: each with its words where they belong, else
+    by its name.
+    """
+    each = ctx.command
+    groups = {**_OWN.get(each.name or "", {}), **_COMMON}
+    titles = ["Target", *groups, "Options"]
+    sections: dict[str, list[tuple[str, str]]] = {title: [] for title in titles}
+    # Names of options that the help of another command explains, by that command.
+    elsewhere: dict[str, list[str]] = {}
+    for parameter in each.get_params(ctx):
+        if not isinstance(parameter, click.Option):
+            continue
+        record = parameter.get_help_record(ctx)
+        if record is None:
+            continue
+        title, explained_by = _place(ctx, parameter, groups)
+        if explained_by is None:
             sections[title].append(record)
-        asked = ctx.meta.get(_WORDS, ())
-        for title, records in sections.items():
-            word = _ONLY_WITH.get(title)
-            if records and (word is None or word in asked):
-                with formatter.section(title):
-                    formatter.write_dl(records)
+        else:
+            elsewhere.setdefault(explained_by, []).append(_longest_flag(parameter))
+    asked = ctx.meta.get(_WORDS, ())
+    for title, records in sections.items():
+        word = _ONLY_WITH.get(title)
+        if records and (word is None or word in asked):
+            with formatter.section(title):
+                formatter.write_dl(records)
+    for command in sorted(elsewhere, key=len, reverse=True):
+        with formatter.section(f"As in `{command} --help`"):
+            formatter.write_text(" ".join(elsewhere[command]))
+
+
+def _place(
+    ctx: click.Context, option: click.Option, groups: Mapping[str, Sequence[str]]
+) -> tuple[str, str | None]:
+    """The title of an option's group in the help of a command, and the command whose help explains
+    it in place of this one; None where this one does.
+
+    ctx: of the command. groups: its flags by their titles.
+    """
+    if _longest_flag(option) in _EVERYWHERE:
+        return "Options", "hcbench"
+    flag = option.opts[0].lstrip("-")
+    title = next((title for title, flags in groups.items() if flag in flags), "Options")
+    root = ctx.find_root().command
+    home = _EXPLAINED_BY.get(title)
+    # --pair is what a user types first: its words stand in every help.
+    if home is None or home == ctx.command.name or flag == "pair" or not isinstance(root, Group):
+        return title, None
+    there = root.commands[home].params
+    same = any(isinstance(each, click.Option) and _is_same(each, option) for each in there)
+    return title, f"hcbench {home}" if same else None
+
+
+def _is_same(one: click.Option, other: click.Option) -> bool:
+    """Say whether two commands have an option with the same flag and the same words."""
+    return one.opts == other.opts and one.help == other.help
+
+
+def _longest_flag(option: click.Option) -> str:
+    """The flag of an option that a help names it by."""
+    return max(option.opts, key=len)
 
 
 class Group(click.Group):
@@ -209,6 +266,29 @@ class Group(click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of the commands, in the order in which they were added."""
         return list(self.commands)
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the commands and the options; of hcbench itself also options of many commands."""
+        if ctx.parent is not None:
+            self.format_commands(ctx, formatter)
+            _write_options(ctx, formatter)
+            return
+        super().format_options(ctx, formatter)
+        with formatter.section("Options of commands"):
+            formatter.write_dl(_common_records(ctx, self))
+
+
+def _common_records(ctx: click.Context, group: Group) -> list[tuple[str, str]]:
+    """Rows of a help on the options that many commands have."""
+    records: dict[str, tuple[str, str]] = {}
+    for command in group.commands.values():
+        for option in command.params:
+            if not isinstance(option, click.Option) or _longest_flag(option) not in _EVERYWHERE:
+                continue
+            record = option.get_help_record(ctx)
+            if record is not None:
+                records.setdefault(_longest_flag(option), record)
+    return [records[flag] for flag in _EVERYWHERE if flag in records]
 
 
 command = partial(click.command, cls=Command)
@@ -261,6 +341,7 @@ def completion(shell: str) -> None:
 # hcbench docs: the documentation of the installed version, as text.
 
 _TITLE = re.compile(r"^# (.+)$", re.MULTILINE)
+_HEADING = re.compile(r"^(#+) (.+)$", re.MULTILINE)
 # A page that is another file of the repository.
 _INCLUDED = re.compile(r"```\{include\} (\S+)\n.*?```\n", re.DOTALL)
 
@@ -270,11 +351,14 @@ _INCLUDED = re.compile(r"```\{include\} (\S+)\n.*?```\n", re.DOTALL)
 def docs(page: str | None) -> None:
     """List the pages of the documentation, or print one.
 
-    PAGE is a name of the list, such as howto/tune. Pages are Markdown.
+    PAGE is a name of the list, such as howto/tune, or a section of one: causes#gravity. Pages are
+    Markdown.
     """
     pages = _pages()
     if page is not None:
-        print(_text(pages[_known(page, list(pages))]), end="")
+        name, _, anchor = page.partition("#")
+        text = _text(pages[_known(name, list(pages))])
+        print(_section(text, anchor) if anchor else text, end="")
         return
     site = address("Documentation")
     if site:
@@ -311,6 +395,22 @@ def _known(page: str, names: list[str]) -> str:
     near = same or difflib.get_close_matches(wanted, names, 3, 0.5)
     expected = f"one of: {', '.join(near)}" if near else "the name of a page"
     raise UserError("PAGE", repr(page), expected, "`hcbench docs` lists them")
+
+
+def _section(text: str, anchor: str) -> str:
+    """The part of a page from a heading to the next one that is not below it.
+
+    anchor: of the heading, as in the page's address. Raises UserError where the page has none such.
+    """
+    headings = list(_HEADING.finditer(text))
+    anchors = [re.sub(r"[^\w-]", "", h[2].lower().replace(" ", "-")) for h in headings]
+    if anchor not in anchors:
+        near = difflib.get_close_matches(anchor, anchors, 3, 0.5) or anchors[:3]
+        raise UserError("PAGE", f"no section {anchor!r}", f"one of: {', '.join(near)}")
+    start = headings[anchors.index(anchor)]
+    level = len(start[1])
+    ends = [h.start() for h in headings if h.start() > start.start() and len(h[1]) <= level]
+    return f"{text[start.start() : min(ends, default=len(text))].strip()}\n"
 
 
 def _text(path: Path) -> str:

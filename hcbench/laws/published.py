@@ -174,7 +174,7 @@ Exact = PublishedLaw(
     "exact",
     "root of χ (1 + e) = ln(1 + χ) - ln(1 - χ e)",
     inverse_restitution,
-    "follows from eq. (16) by separating variables; see hcbench.laws._restitution_series",
+    "follows from eq. (16) by separating variables",
     takes_zero=False,
 )
 

@@ -12,6 +12,7 @@ from hcbench.laws.restitution import Restitution
 from hcbench.measuring import contact
 from hcbench.measuring.curve import CurvePoint
 from hcbench.measuring.measurement import Cause, Measurement
+from hcbench.sim.model_under_test import CONTACT
 from hcbench.system.text import LONGEST_NOTE, number, sanitized, table, without_empty
 from hcbench.terms.impact import Impact
 from hcbench.terms.records import IMPACT, LOOP, PHASE, REST, SPEED, record
@@ -227,18 +228,30 @@ def _parting_note(measurement: Measurement) -> list[str]:
 
 
 def _shares_note(measurement: Measurement) -> list[str]:
-    """One sentence with what each notable cause took off the approach, contact and gravity included,
-    where the other causes did NOTABLE_SHARE or more together; else none.
+    """One sentence with what else pushed or pulled while the two touched, as shares of the contact's
+    impulse, where the other causes did NOTABLE_SHARE or more together; else none.
+
+    A body that stays is pushed for hundreds of steps: in speeds the sums would say nothing.
     """
     facts = measurement.facts
     if not facts.more_than_contact >= NOTABLE_SHARE:
         return []
-    notable = []
-    for name, share in facts.shares.items():
-        if abs(share) >= NOTABLE_SHARE:
-            # Two digits, without an exponent: a body that stays is pushed for hundreds of steps.
-            notable.append(f"{float(f'{share:.2g}'):+g} by {name}")
-    return [f"While the two touch, the approach loses, in impact speeds: {', '.join(notable)}."]
+    contact = facts.shares.get(CONTACT, 0.0)
+    others = {name: share for name, share in facts.shares.items() if name != CONTACT}
+    if contact <= 0.0:
+        strong = [name for name, share in others.items() if abs(share) >= NOTABLE_SHARE]
+        return [f"While the two touch, more than their contact acts: {', '.join(strong)}."]
+    shares = {name: share / contact for name, share in others.items()}
+    against = [f"{-100 * s:.0f} % by {name}" for name, s in shares.items() if s <= -NOTABLE_SHARE]
+    along = [f"{100 * s:.0f} % by {name}" for name, s in shares.items() if s >= NOTABLE_SHARE]
+    parts = []
+    if against:
+        parts.append(f"taken up: {', '.join(against)}")
+    if along:
+        parts.append(f"added to: {', '.join(along)}")
+    if not parts:
+        return []
+    return [f"While the two touch, the impulse of their contact is {'; '.join(parts)}."]
 
 
 def _along_lines(measurement: Measurement) -> list[str]:
@@ -325,7 +338,7 @@ def cause_lines(causes: tuple[Cause, ...], remedy: str) -> list[str]:
             if len(causes) > 1 and math.isfinite(cause.without):
                 tried += f", with all others by {cause.without:.2g}"
             lines.append(f"  tried  {tried}")
-        lines.append(f"  more   docs/reference/causes.md#{cause.code}")
+        lines.append(f"  more   hcbench docs causes#{cause.code}")
     if remedy:
         lines += ["", remedy]
     return lines

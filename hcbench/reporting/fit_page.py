@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import math
+import re
 import shlex
 from functools import partial
 from typing import TYPE_CHECKING
@@ -142,18 +143,27 @@ def _residual_figure(result: FitResult) -> Figure:
         left = off_law / (noise * model.shape)
         # Data of single impacts have one reading for each impact.
         off = latent if data.needs_gravity else model.residual
-        upper.plot(100.0 * off, label=data.name, **style)
-        lower.plot(np.clip(left, -10, 10), **style)
+        upper.plot(_numbers(data.touches(), len(off)), 100.0 * off, label=data.name, **style)
+        lower.plot(_numbers(data.rows(), len(left)), np.clip(left, -10, 10), **style)
     for axes, scale, label in (
-        (upper, 100.0 * fit.scatter, "e off, %"),
-        (lower, 1.0, "measured off, σ"),
+        (upper, 100.0 * fit.scatter, "error of e, %"),
+        (lower, 1.0, "error, σ"),
     ):
         axes.axhline(0.0, color=SLATE, linewidth=0.8)
         axes.axhspan(-2.0 * scale, 2.0 * scale, color=MEASURED.colour, alpha=0.1, linewidth=0)
         axes.set_ylabel(label)
-    upper.set_xlabel("impact")
-    lower.set_xlabel("reading")
+    for axes, label in ((upper, "impact"), (lower, "reading")):
+        axes.set_xlabel(label)
+        axes.xaxis.get_major_locator().set_params(integer=True)
     return figure
+
+
+def _numbers(names: list[str], count: int) -> list[int]:
+    """Numbers of impacts or readings, as messages name them ("touch 9"); from 1 on without names."""
+    found = [re.match(r"\D*(\d+)", name) for name in names]
+    if len(found) != count or not all(found):
+        return list(range(1, count + 1))
+    return [int(match[1]) for match in found if match]
 
 
 def _scene_figure(scene: Replay) -> Figure:

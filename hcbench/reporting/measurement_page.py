@@ -37,6 +37,7 @@ from hcbench.reporting.plot_style import (
     speed_axis,
 )
 from hcbench.sim.landing import Landings
+from hcbench.system.text import LONGEST_NOTE
 from hcbench.terms.impact import LOOP_TOLERANCE, Impact
 
 
@@ -55,6 +56,7 @@ def measurement_page(measurement: Measurement) -> str:
         measurement=measurement,
         summary=summary(measurement),
         notes=(*measurement.facts.notes, *motion_notes(measurement)),
+        longest=LONGEST_NOTE,
         curve=draw(Drawing("curve", partial(curve_figure, measurement))),
         loops=draw(Drawing("loops", make_loops)),
         points=list(zip(measurement.curve, asked, strict=True)),
@@ -106,7 +108,11 @@ def curve_figure(measurement: Measurement) -> Figure:
 
 
 def _loops_figure(measurement: Measurement) -> Figure:
-    """Force, N, over penetration, µm: one loop or more, one a speed, the faster the darker."""
+    """Force, N, over penetration, µm or mm: one loop or more, one a speed, the faster the darker."""
+    deepest = max(
+        float(impact.loop.penetration.max()) for impact in measurement.loops if impact.loop
+    )
+    scale, unit = (1e3, "mm") if deepest >= 1e-3 else (1e6, "µm")
     fastest = max(impact.speed_in for impact in measurement.loops)
     figure = new_figure(6.4, 3.6)
     axes = figure.subplots()
@@ -117,9 +123,9 @@ def _loops_figure(measurement: Measurement) -> Figure:
             "label": f"{impact.speed_in:.3g} m/s",
         }
         draw_loop(
-            axes, impact.loop.penetration * 1e6, impact.loop.force, color=MEASURED.colour, **line
+            axes, impact.loop.penetration * scale, impact.loop.force, color=MEASURED.colour, **line
         )
-    axes.set_xlabel("penetration, µm")
+    axes.set_xlabel(f"penetration, {unit}")
     axes.set_ylabel("force, N")
     axes.legend(loc="best", title="impact speed")
     return figure

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
@@ -107,6 +107,14 @@ def _in_clone(folder: Path, path: str) -> str:
 # The page itself.
 
 PAGE = "index.html"
+_CODE = re.compile(r"`([^`]+)`")
+
+
+def _with_code(text: str) -> Markup:
+    """A sentence as HTML, with what stands between backticks as code."""
+    return Markup(_CODE.sub(r"<code>\1</code>", str(escape(text))))
+
+
 # How templates write numbers and names.
 _FILTERS: dict[str, Callable[..., str]] = {
     "alpha": wording.alpha,
@@ -118,6 +126,9 @@ _FILTERS: dict[str, Callable[..., str]] = {
     "percent": wording.percent,
     "sanitized": _text.sanitized,
     "typeset": wording.typeset,
+    "plus_minus": lambda text: text.replace("+-", "±"),
+    "sentence": wording.sentence,
+    "with_code": _with_code,
 }
 
 
@@ -282,17 +293,22 @@ def png_bytes(figure: Figure) -> bytes:
 
 _COORDINATES = re.compile(r' (?:d|x|y)="[^"]*"')
 _LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
+# A path of dots: short lines, one after the other.
+_DOT = re.compile(r"M \S+ \S+(?:\s+L \S+ \S+){1,2}(?=\s)")
+_DOTS = re.compile(rf' d="((?:{_DOT.pattern}\s*){{3,}})"')
 
 
 def _shortened(svg: str) -> str:
     """An SVG with its coordinates rounded to 1/100 point: a third of the bytes gone and no
-    pixel moved. Scales and other attributes stay, so that text keeps its size.
+    pixel moved. Scales and other attributes stay, so that text keeps its size. A dot that several
+    points make, as a motion that repeats does, stands once.
     """
 
     def short(number: re.Match[str]) -> str:
         return f"{float(number[0]):.2f}".rstrip("0").rstrip(".")
 
-    return _COORDINATES.sub(lambda path: _LONG_NUMBER.sub(short, path[0]), svg)
+    rounded = _COORDINATES.sub(lambda path: _LONG_NUMBER.sub(short, path[0]), svg)
+    return _DOTS.sub(lambda path: f' d="{" ".join(dict.fromkeys(_DOT.findall(path[1])))}"', rounded)
 
 
 # The numbers behind a figure: each curve as it is drawn, as a table.

@@ -18,7 +18,7 @@ from hcbench.sim.packages import Packages
 from hcbench.sim.promise import Promise
 from hcbench.sim.rest import Carried, Rest, let_down
 from hcbench.sim.world import World
-from hcbench.system.errors import UserError
+from hcbench.system.errors import PairUnnamed, UserError
 from hcbench.system.text import number, sanitized, table
 from hcbench.terms.impact import Impact, Launch
 
@@ -132,6 +132,10 @@ def in_order(pairs: Sequence[CandidatePair]) -> list[CandidatePair]:
     return sorted(pairs, key=rank)
 
 
+# Advice where no pair is named.
+LISTS_PAIRS = "`hcbench measure` without --pair lists all"
+
+
 def choice_error(pairs: Sequence[CandidatePair]) -> UserError:
     """The error for a request that names no pair, where the model leaves a choice, or none.
 
@@ -144,11 +148,11 @@ def choice_error(pairs: Sequence[CandidatePair]) -> UserError:
     more = ""
     if len(pairs) > _NAMED:
         more = f"; and {len(pairs) - _NAMED} more"
-    return UserError(
+    return PairUnnamed(
         "pair",
         f"none given, and the model leaves a choice of {len(pairs)}: {some}{more}",
         "the names of two bodies or geoms",
-        f"Try --pair {quote(pairs[0].pair)}; `hcbench pairs` lists all, and --all measures those that touch",
+        f"Try --pair {quote(pairs[0].pair)}; {LISTS_PAIRS}, and --all measures those that touch",
     )
 
 

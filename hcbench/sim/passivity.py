@@ -165,9 +165,12 @@ class Finding:
 
     @property
     def failure(self) -> str:
-        """The value beside its limit, as a phrase."""
-        value = f"{self.value:.3g} {self.unit}".rstrip()
-        return f"{self.name}: {value} of at most {self.limit:.4g}"
+        """The value beside its limit, as a phrase; lengths in mm, speeds in mm/s."""
+        if self.unit in ("m", "m/s"):
+            value, limit, unit = 1e3 * self.value, 1e3 * self.limit, f"m{self.unit}"
+            return f"{self.name}: {value:.3g} {unit}, at most {limit:.4g} {unit} allowed"
+        shown = f"{self.value:.3g} {self.unit}".rstrip()
+        return f"{self.name}: {shown}, at most {self.limit:.4g} allowed"
 
 
 @dataclass(frozen=True, slots=True)

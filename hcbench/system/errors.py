@@ -86,6 +86,10 @@ class QuantityError(UserError):
     """A number or unit that cannot be used."""
 
 
+class PairUnnamed(UserError):  # noqa: N818 - reads as what happened
+    """No pair was named, and several of the model can meet."""
+
+
 class SceneError(UserError):
     """A scene that cannot be read or that contradicts itself."""
 

@@ -101,6 +101,8 @@ def require_bounds(
         got = f"{shown} {unit}".strip()
         expected = f"{least} ... {high:g} {unit}".strip()
         advice = "" if _beyond.get() else "--beyond-bounds admits it, if it is meant"
+        if quantity == "timestep" and value > high:
+            advice = f"For milliseconds write '{value:.6g} ms'"
         raise QuantityError(slot, got, expected, advice)
 
 

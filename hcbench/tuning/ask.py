@@ -282,7 +282,7 @@ def tune_model(
         # Each file is one of the two that meet.
         pairs = [None]
     if not pairs:
-        advice = f"`hcbench pairs {sanitized(model)}` lists them"
+        advice = f"`hcbench measure {sanitized(model)}` lists them"
         raise UserError("pair", "missing", "two bodies or geoms", advice)
     points = read_points(points)
     ways: dict[str, Any] = {

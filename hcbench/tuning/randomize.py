@@ -160,7 +160,7 @@ def randomize(
     """
     pairs = _each_pair(pair)
     if not pairs:
-        advice = f"`hcbench pairs {sanitized(model)}` lists them"
+        advice = f"`hcbench measure {sanitized(model)}` lists them"
         raise UserError("pair", "missing", "two bodies or geoms", advice)
     if not 1 <= worlds <= MOST_WORLDS:
         raise UserError("worlds", str(worlds), f"1 ... {MOST_WORLDS}")

@@ -28,6 +28,15 @@ def test_a_page_that_is_another_file_is_that_file(capsys: pytest.CaptureFixture[
     assert capsys.readouterr().out.strip().startswith("# ")
 
 
+def test_a_section_is_printed_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["docs", "causes#gravity"]) == 0
+    section = capsys.readouterr().out
+    assert section.startswith("### gravity\n\nGravity changes the speed")
+    assert section.count("#") == 3
+    assert run(["docs", "causes#gravitas"]) == 2
+    assert "one of: gravity" in capsys.readouterr().err
+
+
 def test_an_unknown_page_is_answered_by_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["docs", "howto/tone"]) == 2
     assert "howto/tune" in capsys.readouterr().err

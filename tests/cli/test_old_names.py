@@ -70,3 +70,20 @@ def test_a_pair_that_is_not_there_is_answered_by_what_can_touch_the_other(
     assert run(["measure", robot, "--pair=foot,floor"]) == 2
     said = capsys.readouterr().err
     assert "one of: left_front_foot, right_front_foot" in said and "'floor'" not in said
+
+
+def test_measure_without_a_pair_lists_what_can_meet(capsys: pytest.CaptureFixture[str]) -> None:
+    robot = str(ROOT / "examples" / "quadruped.xml")
+    assert run(["measure", robot]) == 0
+    new = capsys.readouterr()
+    assert "left_hind_foot,floor" in new.out and not new.err
+    assert new.out.endswith(f"next:\n  hcbench measure {robot} --pair left_front_foot,floor\n")
+    assert run(["pairs", robot]) == 0
+    old = capsys.readouterr()
+    assert old.out == new.out and "pairs is now measure, without --pair" in old.err
+
+
+def test_a_target_asks_for_a_pair(capsys: pytest.CaptureFixture[str]) -> None:
+    robot = str(ROOT / "examples" / "quadruped.xml")
+    assert run(["measure", robot, "--alpha=0.3"]) == 2
+    assert "`hcbench measure` without --pair lists all" in capsys.readouterr().err

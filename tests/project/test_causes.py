@@ -69,6 +69,6 @@ def test_every_cause_has_its_paragraph_and_every_paragraph_its_cause() -> None:
     assert all(CODE.fullmatch(code) for code in named)
 
 
-def test_a_cause_is_printed_with_the_address_of_its_paragraph() -> None:
+def test_a_cause_is_printed_with_the_command_that_shows_its_paragraph() -> None:
     cause = Cause("few-steps", "Too few steps.", "2 steps", "a smaller step", 0.1, 0.2)
-    assert f"  more   docs/reference/{PAGE.name}#few-steps" in cause_lines((cause,), "")
+    assert f"  more   hcbench docs {PAGE.stem}#few-steps" in cause_lines((cause,), "")

@@ -50,7 +50,7 @@ COMMANDS = (
     ("tune MODEL", *BALL, "--restitution", "0.5", "--max-error", "1"),
     ("randomize", *BALL, "--restitution", "0.9", "--worlds", "1", "--speeds", "1 m/s"),
     ("fit", "examples/recording/drop.wav"),
-    ("pairs", "examples/good.xml"),
+    ("measure MODEL", "examples/quadruped.xml"),
     ("land", "examples/good.xml", "--heights", "2 cm"),
     ("engines",),
     ("convert", "--alpha", "0.3", "--speed", "1 m/s", "--timestep", "1 ms"),

@@ -37,7 +37,7 @@ COMMANDS = [
     "materials",
     'tune pybullet --alpha "0.3 s/m" --timestep "2 ms" --plugin --write-scene drop.py',
     "fit drop.wav",
-    "pairs my.xml",
+    "measure my.xml",
     "measure my.xml --pair ball,plate",
     "check my.xml --pair ball,plate --restitution 0.9 --max-error 0.02 --junit out.xml --png error.png",
     "check my.xml --pair ball,plate --write-baseline bounce.json",

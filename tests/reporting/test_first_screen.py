@@ -94,6 +94,12 @@ def test_the_text_for_another_material_is_the_one_that_tune_prints(engine: str) 
         assert code_lines(screen["paste-text"]) == code_lines(known.text)
 
 
+def test_for_another_alpha_the_exact_answer_still_comes_first() -> None:
+    (typed,) = screens('at("alpha").enter("other"); at("own-alpha").enter("0.3")')
+    assert typed["say"].startswith("Attach restitution-law: e within 1e-7")
+    assert typed["kinds"].startswith("Plug-in")
+
+
 def test_a_published_pair_shows_its_one_e_and_claims_no_other() -> None:
     (rubber,) = screens('at("alpha").enter(material("rubber on concrete"))')
     assert rubber["plain"].startswith("rubber on concrete: e = 0.752 at 4.25 m/s.")

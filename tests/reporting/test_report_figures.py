@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 from reported_results import IMPULSE, LAW, STOCK
 from small_results import ALPHAS
 
@@ -18,6 +20,7 @@ from hcbench.benchmark.study import study_from
 from hcbench.laws import closed_form
 from hcbench.reporting import plot_style, wording
 from hcbench.reporting.build import band_text, overview_drawing, overview_figure
+from hcbench.reporting.page import svg_bytes
 from hcbench.reporting.view import View
 
 
@@ -131,3 +134,15 @@ def test_a_study_is_reported_in_the_unit_that_it_is_written_in(results: Results,
 )
 def test_an_error_is_written_as_tune_writes_it(value: float, text: str) -> None:
     assert wording.error(value) == text
+
+
+def test_a_dot_that_several_points_make_stands_once_in_a_picture() -> None:
+    figure = Figure()
+    axes = figure.subplots()
+    x = np.repeat([1.0, 2.0], 5)
+    y = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 2.0, 3.0, 2.0, 3.0, 2.0])
+    ends = (np.stack([each - 1e-3, each + 1e-3, np.full(10, np.nan)], 1).ravel() for each in (x, y))
+    axes.plot(*ends, color="#123456")
+    svg = svg_bytes(figure).decode()
+    (dots,) = re.findall(r'd="([^"]*)"[^>]*stroke: #123456', svg)
+    assert dots.count("M ") == 3

@@ -63,6 +63,6 @@ const document = {
 };
 class ResizeObserver { observe() {} }
 const script = html.match(/<script>([^]*?)<\/script>/)[1];
-const names = ["document", "Option", "ResizeObserver", "location", "history", "matchMedia", "getComputedStyle", "addEventListener"];
-const values = [document, Option, ResizeObserver, {hash: ""}, {replaceState() {}}, () => ({matches: true}), () => ({paddingLeft: "0", paddingRight: "0"}), () => {}];
+const names = ["document", "Option", "ResizeObserver", "location", "history", "matchMedia", "getComputedStyle", "addEventListener", "self", "top"];
+const values = [document, Option, ResizeObserver, {hash: ""}, {replaceState() {}}, () => ({matches: true}), () => ({paddingLeft: "0", paddingRight: "0"}), () => {}, document, document];
 Function(...names, `${script}\n${code}`)(...values);

@@ -45,7 +45,7 @@ def test_settings_for_spheres_end_with_exit_1_and_what_a_box_does(
     assert run([*ARGUMENTS, "--settings"]) == 1
     caught = capsys.readouterr()
     assert "--corners: 'compliant-pairs' is for spheres:" in caught.err
-    assert "x energy of at most 1.004" in caught.err
+    assert "x energy, at most 1.004 allowed" in caught.err
     assert "Balls need --corners 1, boxes on a face --corners 4." in caught.err
     assert "<pair geom1=" in caught.out, "the best there is gets printed all the same"
 

@@ -132,7 +132,7 @@ def test_what_changes_for_the_whole_model_is_named(
     assert any("whole model" in note for note in record["notes"])
     assert 'friction="0.9 0.9 0.01 0.001 0.001"' in record["paste"]
     assert run(["tune", str(tmp_path / "robot.xml"), "--restitution", "0.5"]) == 2
-    assert "hcbench pairs" in capsys.readouterr().err
+    assert "hcbench measure" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from hcbench.sim.model_under_test import LISTS_PAIRS
 from hcbench.sim.packages import Packages, find_part, folders_of, suggest_names
 from hcbench.sim.touch import LEAST_APPROACH, require_apart
-from hcbench.system.errors import SceneError, UserError
+from hcbench.system.errors import PairUnnamed, SceneError, UserError
 
 if TYPE_CHECKING:
     from hcbench.sim.model_under_test import Request
@@ -415,8 +416,7 @@ def _only_pair(loaded: LoadedPlant) -> tuple[str, str]:
     """
     if len(loaded.collide) != 1:
         got = f"none given, and the model leaves a choice of {len(loaded.collide)}"
-        advice = "`hcbench pairs` lists all"
-        raise UserError("pair", got, "the names of two bodies or geoms", advice)
+        raise PairUnnamed("pair", got, "the names of two bodies or geoms", LISTS_PAIRS)
     (both,) = loaded.collide
     first, second = sorted(both, key=lambda g: loaded.plant.IsAnchored(loaded.body_of(g)))
     return f"geom:{loaded.short(first)}", f"geom:{loaded.short(second)}"

@@ -71,7 +71,7 @@ class PybulletEngine(
     title = "PyBullet"
     backend = BACKEND
     suffixes = (".urdf", ".sdf")
-    opens = ("a PyBullet World",)
+    opens = ("a PyBullet World (`hcbench docs howto/measure` makes one)",)
     own_process = True
     writes_models = False
     # lateralFriction is 0.5 of each body, and Bullet multiplies the two.

@@ -468,7 +468,7 @@ def _loop(view: FieldView, case: Case | None) -> MatrixCell:
     rms = float(score["loop_rms"])
     if rms <= LOOP_NEAR:
         return MatrixCell("the law's", f"within {percent(rms)}", "good", rms, case)
-    return MatrixCell("another", f"off by {percent(rms)}", "bad", rms, case)
+    return MatrixCell("another", f"wrong by {percent(rms)}", "bad", rms, case)
 
 
 def _files(engine: str) -> MatrixCell:

@@ -188,5 +188,5 @@ def test_joints_are_posed_by_name_and_held_within_limits(script: Path) -> None:
 
 
 def test_without_a_pair_the_candidates_are_listed(script: Path) -> None:
-    with pytest.raises(UserError, match=r"leaves a choice of .*hcbench pairs"):
+    with pytest.raises(UserError, match=r"leaves a choice of .*hcbench measure"):
         measure(f"{script}:plain")

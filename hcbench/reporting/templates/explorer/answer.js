@@ -85,7 +85,7 @@ function madeAnswer(here) {
     const {answer, choice} = known, text = withAlpha(choice.text, answer.alpha, alpha);
     const more = choice.more.filter(line => line.startsWith("It needs"));
     const above = low > band[0] ? [`Slower impacts than ${digits3(low)} m/s may come to rest.`] : [];
-    choices.push(made("exact", choice.setting, choice.error, errorText(choice.error), [...more, ...above], text, [Math.max(low, band[0]), band[1]]));
+    choices.unshift(made("exact", choice.setting, choice.error, errorText(choice.error), [...more, ...above], text, [Math.max(low, band[0]), band[1]]));
   }
   return {choices};
 }
@@ -143,7 +143,7 @@ function showAnswer() {
     more: ["This command finds a setting."], text: tuneLine(),
   };
   at("say").textContent = said(say);
-  at("more").replaceChildren(...more.map(line => Object.assign(document.createElement("p"), {textContent: said(line)})));
+  at("more").replaceChildren(...more.map(line => withCode("p", said(line))));
   const pasted = words.startsWith("hcbench tune ") ? words : words.replace(/\b(ball|plate)\b/g, name => names[name]);
   at("paste-text").textContent = pasted;
   const published = materialOf(state.material)?.label;
@@ -152,6 +152,13 @@ function showAnswer() {
   at("nothing").replaceChildren(...nothingSet());
   showKinds(choice);
   at("copied").textContent = "";
+}
+
+// A sentence, with what stands between backticks as code.
+function withCode(name, words) {
+  const made = document.createElement(name);
+  made.append(...words.split("`").map((part, i) => i % 2 ? element("code", part) : part));
+  return made;
 }
 
 // Speeds as people say them: 32 mm/s to 0.5 m/s, rounded to the inside of the band.

@@ -19,7 +19,7 @@ function heightAt({touch, parting, height, ended}, time) {
 
 function drawDrop() {
   if (!at("fall")) return;
-  at("fall").hidden = data.dropHeight === null;
+  for (const name of ["fall", "heights"]) at(name).hidden = data.dropHeight === null;
   if (data.dropHeight === null) return;
   const law = targetDrop();
   const dropOf = run => data.drops.find(d => keyOf(d) === keyOf(run) && d.step === run.step && (d.alpha === run.alpha || run.kind === "stock"));

@@ -112,7 +112,8 @@ function showBands() {
   const bands = data.errors.filter(isHere).map(each => each.band), usual = data.answers.find(isHere)?.choices.find(c => c.kind !== "exact")?.band;
   if (!bands.some(band => band.join() === state.band)) state.band = "";
   at("bands").hidden = bands.length < 2 || !usual;
-  fill(at("band"), bands.map(band => [(band.length ? band : usual ?? []).map(digits3).join(" … ") + " m/s", band.join()]), state.band);
+  const spoken = band => said(bandText(band.length ? band : usual)).replace("from ", "");
+  fill(at("band"), usual ? bands.map(band => [spoken(band), band.join()]) : [], state.band);
 }
 
 // e over speed

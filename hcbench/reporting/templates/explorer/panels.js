@@ -56,7 +56,8 @@ function drawLoop() {
   const apart = ["x", "f", "t"].some(name => ratio(name) > APART || ratio(name) < 1 / APART);
   const over = (values, by) => values.map(value => value / by);
   const unit = (name, si) => apart ? [sizes[name], lawSizes[name]] : [si, si];
-  const [ux, lx] = unit("x", 1e-6), [uf, lf] = unit("f", 1), [ut, lt] = unit("t", 1e-6);
+  const deep = Math.max(sizes.x, lawSizes.x) >= 1e-3 ? [1e-3, "mm"] : [1e-6, "µm"];
+  const [ux, lx] = unit("x", deep[0]), [uf, lf] = unit("f", 1), [ut, lt] = unit("t", 1e-6);
   const ownX = [x[0], ...x, x.at(-1)], ownF = [0, ...f, 0];
   const draw = (id, label, xs, ys, lawXs, lawYs) => {
     const low = values => 1.05 * Math.min(0, ...values), high = values => 1.05 * Math.max(...values);
@@ -66,12 +67,12 @@ function drawLoop() {
     plot.line(run, xs, ys);
     if (f.length < 20) plot.dots(run, over(id === "loop" ? x : t, id === "loop" ? ux : ut), over(f, uf), 2.5);
   };
-  draw("loop", apart ? "penetration over its largest" : "penetration, µm", over(ownX, ux), over(ownF, uf), over(law.x, lx), over(law.f, lf));
+  draw("loop", apart ? "penetration over its largest" : `penetration, ${deep[1]}`, over(ownX, ux), over(ownF, uf), over(law.x, lx), over(law.f, lf));
   draw("force", apart ? "time over its contact's" : "time since touch, µs", over(own.t, ut), over(own.f, uf), over(law.t, lt), over(law.f, lf));
   const times = (name, what) => `${text(ratio(name))} times the law's ${what}`;
   const lone = f.length === 1 ? "The whole bounce happens in one step. " : "";
   at("loop-words").textContent = `${run.title} at ${text(run.v[i])} m/s, touched ${text(100 * run.phase)} % into a step. ${lone}`
-    + `${text(sizes.x * 1e6)} µm deep, ${times("x", "depth")}; at most ${text(sizes.f)} N, ${times("f", "force")}; `
+    + `${text(sizes.x / deep[0])} ${deep[1]} deep, ${times("x", "depth")}; at most ${text(sizes.f)} N, ${times("f", "force")}; `
     + `in contact for ${text(sizes.t * 1e3)} ms, ${times("t", "time")}.`
     + (apart ? " Their sizes differ too much for one scale: each loop is scaled by its own largest." : "");
   at("loop").setAttribute("aria-label", `Force over penetration. ${at("loop-words").textContent}`);
@@ -139,7 +140,7 @@ function showText() {
   at("how-text").textContent = pasted;
   // What ran had none; the answers on the first screen have it.
   const lacks = pasted?.includes('condim="1"') && Number.isNaN(frictionIn(pasted)) ? ["This text has no friction, as it ran: that of the first screen has."] : [];
-  at("how-notes").replaceChildren(...[...lacks, ...(about?.notes ?? [])].map(note => element("p", note)));
+  at("how-notes").replaceChildren(...[...lacks, ...(about?.notes ?? [])].map(note => withCode("p", note)));
 }
 
 function row(...cells) {

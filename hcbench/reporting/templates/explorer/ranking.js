@@ -22,7 +22,9 @@ function rankingRow(one, alphas) {
   box.setAttribute("aria-label", `show ${one.title}`);
   const name = Object.assign(element("button", one.title, "key"), {type: "button", value: keyOf(one), disabled: !run});
   name.style.setProperty("--colour", run?.colour ?? "var(--law-ink)");
-  head.append(box, " ", name);
+  const pick = element("span", "", "pick");
+  pick.append(box, name);
+  head.append(pick);
   const cells = alphas.map(([, key]) => {
     const [words, mark, grade] = one.errors[key] ?? ["–", "", "none"];
     return element("td", `${words} ${mark}`, `number ${grade}`);

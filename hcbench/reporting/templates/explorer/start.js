@@ -32,6 +32,7 @@ function listenToChoices() {
 
 function start() {
   for (const name of ["wide", "body", "choices", "copy"]) if (at(name)) at(name).hidden = false;
+  document.body.classList.toggle("embedded", self !== top);  // in a page that has a header of its own
   document.body.classList.add("explored");  // hides the still pictures that stand in for all this
   if (at("choices")) listenToChoices();
   at("curve").addEventListener("pointermove", hover);
