@@ -316,6 +316,9 @@ def test_a_vendored_folder_is_small_and_its_test_runs_alone(tmp_path: Path) -> N
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert "skipped=1" in done.stderr  # stock MuJoCo has no restitution
     assert done.returncode == 0, done.stderr
+    by_pytest = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir=."]
+    done = subprocess.run(by_pytest, cwd=folder, capture_output=True, text=True, check=False)
+    assert "1 passed, 1 skipped" in done.stdout
 
 
 def test_a_symptom_is_asked_of_its_case_alone(capsys: pytest.CaptureFixture[str]) -> None:
