@@ -90,9 +90,9 @@ def _versions(scores: Sequence[EngineScore]) -> Iterator[tuple[str, ...]]:
         for words, alike in groupby(versions, _words):
             same = [*alike]
             first, last = same[0], same[-1]
-            span = first.version
-            if len(same) > 1:
-                span = f"{first.version} ... {last.version} ({len(same)} of them)"
+            span = ", ".join(one.version for one in same)
+            if len(same) > 2:
+                span = f"{first.version} ... {last.version} ({len(same)} run)"
             bad = [case for case, word in words if word in ("fail", "error")]
             passed = f"{last.passed} of {len(words)}"
             yield engine, span, passed, ", ".join(bad) or "–", last.restitution or "–"
