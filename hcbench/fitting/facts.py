@@ -75,9 +75,21 @@ def _said(text: str, gravity: float) -> Iterator[tuple[str, str]]:
     for match in _pattern("gravity").finditer(text):
         if said := _other_gravity(match, gravity):
             yield "gravity", said
+    text = _of_cameras().sub(" ", text)
     for fact in _FACTS:
         if any(word in text for word in words_of_texts(fact)):
             yield from ((fact, match[0].strip()) for match in _pattern(fact).finditer(text))
+
+
+@cache
+def _of_cameras() -> re.Pattern[str]:
+    """The words of a tilt that is a camera's: "camera tilt", "tilt of the phone", "Kamera um 3° geneigt"."""
+    cameras, tilts = ("|".join(map(re.escape, words_of_texts(of))) for of in ("camera", "tilt"))
+    camera, tilt = rf"\b(?:{cameras})\w*", rf"(?:{tilts})\w*"
+    joint = r"[\s_:=-]*(?:(?:was|is|were|wurde|war|ist|est|etait|era|es|e|um|by|de)\s+)*"
+    angle = rf"(?:{_NUMBER}\s*(?:{_FACTS['tilt'][0]})\s*)?"
+    of = r"[\s_]*(?:angle\s+)?(?:of|der|des|de|du|della|del|da)?\s*(?:the|la|l['’])?\s*"
+    return re.compile(rf"{camera}{joint}{angle}{tilt}|{tilt}{of}{camera}")
 
 
 @cache

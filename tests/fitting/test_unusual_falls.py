@@ -84,6 +84,18 @@ def test_a_tilt_or_a_moving_plate_refuses_heights(tmp_path: Path, line: str) -> 
         read(tmp_path / "data.txt", f"# {line}\n{HEIGHTS}")
 
 
+@pytest.mark.parametrize(
+    "line",
+    ["camera tilt 3°", "tilt of the phone: 4 deg", "Kamera um 3° geneigt", "camera_tilt_deg: 2.5"],
+)
+def test_a_tilted_camera_changes_no_fall(tmp_path: Path, line: str) -> None:
+    assert read(tmp_path / "data.txt", f"# {line}\n{HEIGHTS}") == 1
+    with pytest.raises(UserError, match="vertical fall"):
+        read(tmp_path / "data.txt", f"# {line}, plate tilted by 2 degrees\n{HEIGHTS}")
+    with pytest.raises(UserError, match="vertical fall"):
+        read(tmp_path / "data.txt", f"# camera on a plate tilted by 3°\n{HEIGHTS}")
+
+
 @pytest.mark.parametrize("line", ["tilt 0.0 deg", "initial speed 0 m/s", "shaker off", "2 ramps"])
 def test_nothing_of_it_refuses_nothing(tmp_path: Path, line: str) -> None:
     assert read(tmp_path / "data.txt", f"# {line}\n{DROPS}") == 1
