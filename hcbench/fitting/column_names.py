@@ -401,8 +401,9 @@ def _role_of_meanings(found: set[str], unit: str) -> str:
     for role, needed, allowed in _ROLES:
         if needed <= found <= needed | allowed:
             return role
-    # "touch no. 3 [ms]" has the time of the touch.
+    # "touch no. 3 [ms]" has the time of the touch, "after bounce [cm]" the height after it.
     bare = found - {"number"}
+    bare = bare - _EVENTS or bare
     if len(bare) == 1 and unit:
         (meaning,) = bare
         for quantity in QUANTITIES_OF_COLUMNS:
@@ -464,6 +465,7 @@ def _split_header(cell: str) -> tuple[str, str]:
     cell = unicodedata.normalize(
         "NFKC", cell.replace("²", "^2").replace("⁻¹", "^-1").replace("⁻", "-")
     )
+    cell = cell.strip().removesuffix(":")
     # Gnuplot numbers its columns, and R writes "height (cm)" as "height..cm.".
     cell = re.sub(r"^\d+\s*:\s*(?=\D)", "", cell)
     of_r = _OF_R.fullmatch(cell)

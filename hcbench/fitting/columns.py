@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -172,6 +173,10 @@ def _is_of_trial(name: str) -> bool:
 
 def _advice(table: Table, roles: dict[str, list[int]], unknown: list[int]) -> str:
     """Advice on columns with unknown names: the kind to ask for, where one of them may be the data."""
+    if any(
+        {"px", "pixel", "pixels"} & set(re.split(r"[\W_]+", table.header[i][0])) for i in unknown
+    ):
+        return "Write lengths in place of pixels, such as 'y [m]'"
     if any(_is_of_trial(table.header[i][0]) for i in unknown):
         return "Name each column by what it has too, such as 'rebound height, trial 1 [cm]'"
     for kind, quantity, meaning in (

@@ -137,3 +137,18 @@ def test_a_table_in_a_document_of_word_is_read(tmp_path: Path) -> None:
         archive.writestr("word/document.xml", f"<w:body><w:tbl>{table}</w:tbl></w:body>")
     (data,) = read(tmp_path / "report.docx", kept.getvalue())
     assert isinstance(data, Heights) and len(data.heights) == 4
+
+
+@pytest.mark.parametrize("title", ["Rebound heights (cm)", "Höhe nach jedem Sprung in cm:"])
+@pytest.mark.parametrize("sign", [")", ":", "."])
+def test_a_title_over_a_numbered_list_names_it(tmp_path: Path, title: str, sign: str) -> None:
+    rows = "".join(f" {i}{sign} {row[0]}\n" for i, row in enumerate(TRIALS, 1))
+    (data,) = read(tmp_path / "h.txt", f"{title}\n{rows}")
+    assert isinstance(data, Heights)
+    np.testing.assert_allclose(data.heights, [0.61, 0.391, 0.255, 0.17])
+
+
+def test_pixels_are_no_lengths(tmp_path: Path) -> None:
+    rows = "".join(f"{i},{500 - i * i}\n" for i in range(20))
+    with pytest.raises(UserError, match=r"in place of pixels.*y \[m\]"):
+        read(tmp_path / "film.csv", f"# fps: 240\nframe,y_px\n{rows}")
