@@ -7,6 +7,7 @@ here; `make test-all` fits as many as the page has, and compares its table.
 from __future__ import annotations
 
 from collections import Counter
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -116,6 +117,36 @@ def test_the_air_of_a_light_ball_is_not_given_as_alpha() -> None:
     assert found.restitution.low - 0.01 < 0.9 < found.restitution.high + 0.01
     given = MeasurementSetup(gravity=G, mass=Known(2.7e-3), diameter=Known(0.04))
     assert fit([TouchTimes("t", given, read)]).law == "constant"
+
+
+def light_ball(law: synthesise.Law, noise: float) -> TouchTimes:
+    """Times of a table tennis ball, to within `noise` s."""
+
+    def fly(launch: float) -> tuple[float, float]:
+        return synthesise.flight_in_air(launch, 2.7e-3, 0.04, 0.47)
+
+    rng = np.random.default_rng(1)
+    aloft = [one for _, _, one in islice(synthesise.flights(law, 3.0, 3e-3, rng, fly), 9)]
+    times = np.cumsum([0.0, *aloft])
+    return TouchTimes("t", EXACT, times + noise * rng.standard_normal(len(times)))
+
+
+@pytest.mark.parametrize("alpha", [0.03, 0.1, 0.14])
+@pytest.mark.parametrize("noise", [2e-4, 1e-3])
+def test_the_interval_of_a_light_balls_alpha_reaches_to_what_the_air_leaves(
+    alpha: float, noise: float
+) -> None:
+    found = fit([light_ball(synthesise.hunt_crossley(alpha), noise)])
+    assert found.alpha is not None and found.alpha.low < alpha < found.alpha.value
+    # Precise times contradict the law in a vacuum.
+    if noise < 1e-3:
+        assert found.law is None and "law in the air of a light ball" in found.reservation
+
+
+def test_a_constant_restitution_spans_that_in_air() -> None:
+    found = fit([light_ball(synthesise.constant(0.85), 2e-3)])
+    assert found.restitution is not None
+    assert found.restitution.low < 0.85 < found.restitution.high
 
 
 def test_a_heavy_ball_keeps_its_law_without_its_mass() -> None:
