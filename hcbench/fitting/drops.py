@@ -12,6 +12,7 @@ import numpy as np
 from hcbench.fitting.cells import counts, is_missing
 from hcbench.fitting.column_names import (
     QUANTITY_OF,
+    is_beside,
     is_unit_of,
     meanings_of,
     numbers_bounces,
@@ -193,16 +194,18 @@ def _made_again(table: Table) -> list[Table]:
 
 def _side_by_side(table: Table) -> list[Table]:
     """The drops of a table whose columns repeat, one table each; the table alone where none do."""
-    names = [name for name in table.header if name[0]]
-    first = names[0] if names else ("", "")
+    first = next((name for name in table.header if role_of(*name) in QUANTITY_OF), ("", ""))
     starts = [i for i, name in enumerate(table.header) if name == first]
-    if not first[0] or len(starts) < 2 or role_of(*first) not in QUANTITY_OF:
+    if not first[0] or len(starts) < 2:
         return [table]
-    parts = itertools.pairwise([*starts, len(table.header)])
-    drops = [
-        _drop(table, k, table.header[begin:end], _rows(table, range(begin, end)))
-        for k, (begin, end) in enumerate(parts, 1)
-    ]
+    # A column before them may number the bounces of all.
+    shared = range(starts[0])
+    if not all(is_beside(table.header[i][0]) for i in shared if table.header[i][0]):
+        return [table]
+    drops = []
+    for k, (begin, end) in enumerate(itertools.pairwise([*starts, len(table.header)]), 1):
+        places = [*shared, *range(begin, end)]
+        drops.append(_drop(table, k, [table.header[i] for i in places], _rows(table, places)))
     if len({tuple(one for one in drop.header if one[0]) for drop in drops}) > 1:
         return [table]
     return drops

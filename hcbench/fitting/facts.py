@@ -40,6 +40,7 @@ _PAIRS = "Give pairs of speeds before and after the impact, relative to the plat
 _FACTS = {
     "tilt": (r"°|º|deg\w*|gra[du]\w*|度", "a vertical fall", _ALONG),
     "track": ("", "a vertical fall", _ALONG),
+    "left out": ("", "each bounce", "Number the bounces in a column of their own"),
     "throw": (r"k?m/[sh]|mph|ft/s|[cm]m/s|м/с", "a fall from rest", _PAIRS),
     "moving plate": (r"k?m/[sh]|ft/s|[cm]m/s|hz|м/с|гц", "a plate at rest", _PAIRS),
 }
@@ -56,6 +57,10 @@ def require_usual_fall(
     falls = is_open and (is_dropped or any(data.needs_gravity for _, data in found))
     counts = dict.fromkeys(("gravity", "tilt", "track"), falls)
     counts |= {"throw": is_dropped or setup.height is not None, "moving plate": True}
+    # Bounces that are numbered may be left out.
+    counts["left out"] = any(
+        data.needs_gravity and getattr(data, "numbers", None) is None for _, data in found
+    )
     lines = [one.text or "\n".join("\t".join(cells) for _, cells in one.rows) for one in sheets]
     for table in (columns.table for columns, _ in found):
         first = table.cells[0]

@@ -43,6 +43,8 @@ _NUMBER = re.compile(rf"(?<![\w.^])(?:{_STAMP}|{_CLOCK}|{_PLAIN})(?![\w.]*\d|[^\
 _DAY = re.compile(
     r"(?<![\w.])(?!\d{4}-\d\d-\d\d[T ])\d{1,4}([-/.])\d{1,2}(?:\1\d{1,4})?[, ]+(?=\d{1,2}:\d\d)"
 )
+# The day after a clock's time, as chats copy it: "[14:10, 03/05/2024]".
+_DAY_AFTER = re.compile(r"(\[\d{1,2}:\d\d(?::\d\d)?), \d{1,4}([-/.])\d{1,2}\2\d{1,4}(?=\])")
 # Numbers of a list have points: a comma is between them.
 _IN_LIST = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?(?![\w.]*\d)")
 _BETWEEN = re.compile(r"[\s,;]+")
@@ -137,7 +139,7 @@ def _lines(text: str) -> list[tuple[int, str]]:
         # <h n="1">61.2 has the number of the bounce, and then its height.
         text = re.sub(r"<(\w+)((?:\s+\w+=\"\d+\")+)\s*>(?=\s*[-+\d.])", r"<\2 \1>", text)
     return [
-        (number, _ABOUT_NUMBERS.sub("", _DAY.sub("", part.strip())))
+        (number, _ABOUT_NUMBERS.sub("", _DAY.sub("", _DAY_AFTER.sub(r"\1", part.strip()))))
         for number, line in enumerate(text.splitlines(), 1)
         for part in (re.split(r"(?<=.)(?=<)", line) if is_markup else [line])
         if part.strip()

@@ -152,3 +152,22 @@ def test_pixels_are_no_lengths(tmp_path: Path) -> None:
     rows = "".join(f"{i},{500 - i * i}\n" for i in range(20))
     with pytest.raises(UserError, match=r"in place of pixels.*y \[m\]"):
         read(tmp_path / "film.csv", f"# fps: 240\nframe,y_px\n{rows}")
+
+
+def test_trials_side_by_side_share_the_numbers_of_their_bounces(tmp_path: Path) -> None:
+    aloft = [0.61, 0.5, 0.42, 0.36]
+    rows = "".join(f"{i},{t},,{t + 0.001}\n" for i, t in enumerate(aloft, 1))
+    found = read(tmp_path / "t.csv", f"n,flight time (s),,flight time (s)\n{rows}")
+    assert len(found) == 2
+
+
+def test_a_list_in_a_line_and_a_chat_with_the_day_last_are_read(tmp_path: Path) -> None:
+    listed = " ; ".join(f"{row[0]:.1f}".replace(".", ",") for row in TRIALS)
+    chat = "".join(
+        f"[14:{10 + i}, 03/05/2024] Bia: bounce {i}: {row[0]} cm\n"
+        for i, row in enumerate(TRIALS, 1)
+    )
+    for text in (f"TP n°3\nHauteurs successives des rebonds (cm) : {listed}\n", chat):
+        (data,) = read(tmp_path / "h.txt", text)
+        assert isinstance(data, Heights)
+        np.testing.assert_allclose(data.heights, [0.61, 0.391, 0.255, 0.17])

@@ -101,6 +101,17 @@ def test_nothing_of_it_refuses_nothing(tmp_path: Path, line: str) -> None:
     assert read(tmp_path / "data.txt", f"# {line}\n{DROPS}") == 1
 
 
+@pytest.mark.parametrize("line", ["read at every second bounce", "jeder zweite Sprung gemessen"])
+def test_bounces_that_are_left_out_refuse_heights_without_numbers(
+    tmp_path: Path, line: str
+) -> None:
+    heights = "".join(f"{h:.1f}\n" for h in H)
+    with pytest.raises(UserError, match="each bounce"):
+        read(tmp_path / "data.txt", f"# {line}\nheight (cm)\n{heights}")
+    numbered = "".join(f"{2 * i + 1},{h:.1f}\n" for i, h in enumerate(H))
+    assert read(tmp_path / "data.txt", f"# {line}\nbounce,height (cm)\n{numbered}") == 1
+
+
 def test_a_throw_refuses_where_the_drop_counts(tmp_path: Path) -> None:
     line = "# thrown down with 2 m/s\n"
     with pytest.raises(UserError, match="from rest"):
