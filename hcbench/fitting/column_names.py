@@ -7,7 +7,7 @@ import re
 import tomllib
 import unicodedata
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
@@ -183,6 +183,8 @@ _LEAST_STEM = 5
 _LINKS = ("", "s", "n", "en", "e")
 # Parts of compounds, such as Fallhöhe, have this many letters or more.
 _LEAST_PART = 3
+# Letters of the longest word that is looked up: garbage in a wrong encoding has longer ones.
+_LONGEST_WORD = 60
 # Columns that a refusal shows, and letters of each name, at most.
 _MOST_SHOWN = 4
 _LETTERS = 24
@@ -313,6 +315,8 @@ def _parts(word: str) -> set[str]:
     """Meanings of the parts of a word that is in no list; "?" where they are not known."""
     if word.isdigit():
         return {word}
+    if len(word) > _LONGEST_WORD:
+        return {"?"}
     least = 1 if _WITHOUT_BLANKS.search(word) else _LEAST_PART
     for spelled in (word, _TWO_LETTERS.sub(r"\1", word)):
         if spelled in _lexicon():
@@ -323,19 +327,32 @@ def _parts(word: str) -> set[str]:
     return _inflected(word)
 
 
+@cache
+def _words_with_endings() -> dict[str, list[str]]:
+    """Known words of languages of many endings, by their first letters: a file may have thousands of
+    unknown words.
+    """
+    found: dict[str, list[str]] = {}
+    for known, languages in _languages().items():
+        if len(known) >= _LEAST_STEM and languages & _OF_MANY_ENDINGS:
+            found.setdefault(known[:_LEAST_STEM], []).append(known)
+    return found
+
+
 def _inflected(word: str) -> set[str]:
     """Meaning of a word with another ending than the known word has, in a language of many endings;
     "?" where no known word begins alike, or several of unlike meanings do.
     """
     found = set()
-    for known, languages in _languages().items():
+    for known in _words_with_endings().get(word[:_LEAST_STEM], ()):
         stem = known[: max(_LEAST_STEM, len(known) - 2)]
-        is_alike = len(stem) >= _LEAST_STEM and word.startswith(stem)
-        if is_alike and len(word) <= len(known) + 3 and languages & _OF_MANY_ENDINGS:
+        if word.startswith(stem) and len(word) <= len(known) + 3:
             found.add(_lexicon()[known])
     return set(found.pop().split(" + ")) if len(found) == 1 else {"?"}
 
 
+# Garbage in a wrong encoding has long words, whose ends come again and again.
+@lru_cache(maxsize=20_000)
 def _compound(word: str, least: int, languages: frozenset[str] | None = None) -> set[str] | None:
     """Meanings of a compound such as Rücksprunghöhe, of parts of `least` letters or more in one
     language; None where it is none.
@@ -528,6 +545,9 @@ def _with_unit(name: str, unit: str) -> tuple[str, str]:
     # The first sign after which all is a unit: "speed_m_s" has m/s, not s.
     for sign in _BEFORE_UNIT.finditer(name, 1):
         written = name[sign.end() :]
+        if len(written) > _LONGEST_WORD:
+            # A sentence, or a line without ends.
+            continue
         # "t / 10 ms"
         divided = f"x{written}" if sign[0].strip() in ("/", "in") else ""
         # "v_in" has no inches: a speed has none.
