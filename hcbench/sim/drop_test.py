@@ -80,8 +80,10 @@ class DropMotion:
 
 @dataclass(frozen=True, slots=True)
 class DroppedRobot:
-    """What a motion is read by: timestep, s; gravity, m/s²; up, unit vector against it, (3,); weight,
-    N; height of the centre of mass over the lowest point at release, m.
+    """A robot whose motion is read.
+
+    timestep: s. gravity: m/s². up: unit vector against it, (3,). weight: N. height: of the centre
+    of mass over the lowest point at release, m.
     """
 
     timestep: float

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
-from hcbench.sim.landing import DROPS, REBOUNDS
+from hcbench.sim.landing import REBOUNDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -43,12 +43,22 @@ class SpringGrid:
 
     dampings: ζ of springs that throw a robot up higher than its model does, rising. calming: of
     those that throw it up less.
+    first: drops by which a spring is first judged whole, of a robot that stands, for first_seconds
+    each, s, or as long as the model was.
+    nearest_frequencies: as `frequencies`, for the springs that come nearest to a target out of reach.
+    nearest: number of them that are refined in damping, one a frequency. very_nearest: of those,
+    that are refined in frequency too.
     """
 
     fastest: float
     frequencies: int
     dampings: tuple[float, ...]
     calming: tuple[float, ...]
+    first: tuple[RobotDrop, ...]
+    first_seconds: float
+    nearest_frequencies: int
+    nearest: int
+    very_nearest: int
 
 
 # Share of the frequency of a body that stops within the depth allowed, from which springs are tried.
@@ -58,12 +68,10 @@ _TOUCH_S = 0.35
 # Halvings of the damping between two springs, and how near the rebound comes then.
 _HALVINGS = 6
 _NEAR = 0.03
-# Halvings of the damping beyond the rebound that was found nearest to the target.
+# Halvings of an interval beyond the spring that was found nearest to the target: of the damping of
+# the nearest ones, then of the frequency, and the damping again, of the very nearest.
 _REFINED = 3
-# Drops by which a spring is first judged whole, of a robot that stands.
-FIRST = (DROPS[-1], DROPS[len(DROPS) // 2])
 _SETTINGS_MAX = 12
-_NEAREST_MAX = 8
 
 
 class ReboundSearch(ABC, Generic[Spring]):
@@ -125,44 +133,62 @@ class ReboundSearch(ABC, Generic[Spring]):
                     yield varied
 
     def nearest_contacts(self) -> Iterator[Spring]:
-        """Contacts that are not worse in short drops and the first long ones: of each frequency, and of
-        those between, the one whose rebound is nearest to the target; the nearest first.
+        """Contacts that are not worse in short drops and the first long ones: of each frequency the
+        one whose rebound is nearest to the target; the nearest first.
         """
-        rows = self._rows()
-        rows += [self._row(math.sqrt(w * v)) for w, v in itertools.pairwise(self._frequencies())]
-        nearest = [one for row in rows if (one := self._nearest_of(row)) is not None]
-        refined = map(self._still_nearer, sorted(nearest, key=self._miss)[:_NEAREST_MAX])
-        yield from sorted(refined, key=self._miss)
+        frequencies = self._frequencies(self.grid.nearest_frequencies)
+        refined = sorted(map(self._by_damping, self._nearest_of(frequencies)), key=self._miss)
+        very_nearest = refined[: self.grid.very_nearest]
+        moved = (self._by_frequency(one, frequencies) for one in very_nearest)
+        again = [self._by_damping(one) for one in moved]
+        yield from sorted(dict.fromkeys([*again, *refined]), key=self._miss)
 
-    def _nearest_of(self, row: Sequence[Spring]) -> Spring | None:
-        """The contact to try of one frequency that is nearest to the target and not worse in the drops
-        of `nearest_contacts`; None without one.
+    def _nearest_of(self, frequencies: Sequence[float]) -> list[Spring]:
+        """The contacts of some frequencies that are nearest to the target and not worse in the drops of
+        `nearest_contacts`, one a frequency, the nearest first; as many as the grid says.
         """
-        for contact in sorted(self._feasible(row), key=self._miss):
-            if self._first_drops_are_no_worse(contact):
-                return contact
-        return None
+        rows = (self._feasible(self._row(frequency)) for frequency in frequencies)
+        nearest: dict[float, Spring] = {}
+        for contact in sorted(itertools.chain.from_iterable(rows), key=self._miss):
+            if len(nearest) == self.grid.nearest:
+                break
+            if contact.frequency not in nearest and self._first_drops_are_no_worse(contact):
+                nearest[contact.frequency] = contact
+        return list(nearest.values())
 
     def _miss(self, contact: Spring) -> float:
         """Distance of its rebound from the target in short drops, m."""
         return abs(self._misses(contact))
 
-    def _still_nearer(self, contact: Spring) -> Spring:
+    def _by_damping(self, contact: Spring) -> Spring:
         """The contact with its damping moved towards the next of the grid, on the side of the
-        target, as far as the drops allow: by halving the interval of damping _REFINED times.
+        target, as far as the drops allow.
         """
         if self._misses(contact) > 0.0:
             beyond = min((one for one in self._dampings if one > contact.damping), default=None)
         else:
             beyond = max((one for one in self._dampings if one < contact.damping), default=None)
-        if beyond is None:
-            return contact
+        return contact if beyond is None else self._towards(contact, "damping", beyond)
+
+    def _by_frequency(self, contact: Spring, frequencies: Sequence[float]) -> Spring:
+        """The contact with its frequency moved towards those before and after it in a rising list, as
+        far as the drops allow: softer springs throw a robot higher, and let it sink deeper.
+        """
+        at = frequencies.index(contact.frequency)
+        for beyond in (*frequencies[max(at - 1, 0) : at], *frequencies[at + 1 : at + 2]):
+            contact = self._towards(contact, "frequency", beyond)
+        return contact
+
+    def _towards(self, contact: Spring, name: str, beyond: float) -> Spring:
+        """The contact with one number moved towards another as long as it comes nearer to the target
+        and does not land worse: by halving the interval _REFINED times.
+        """
         for _ in range(_REFINED):
-            middle = replace(contact, damping=math.sqrt(contact.damping * beyond))
+            middle = replace(contact, **{name: math.sqrt(getattr(contact, name) * beyond)})
             if self._is_nearer(middle, contact) and self._first_drops_are_no_worse(middle):
                 contact = middle
             else:
-                beyond = middle.damping
+                beyond = getattr(middle, name)
         return contact
 
     def _is_nearer(self, one: Spring, other: Spring) -> bool:
@@ -185,15 +211,15 @@ class ReboundSearch(ABC, Generic[Spring]):
         The lowest frequency is that of a body which stops within the depth allowed: a spring of
         frequency w stops a speed v within v/w. Contacts that the engine does not keep are left out.
         """
-        return list(map(self._row, self._frequencies()))
+        return list(map(self._row, self._frequencies(self.grid.frequencies)))
 
-    def _frequencies(self) -> list[float]:
-        """Frequencies of the contacts to try, rad/s, see `_rows`."""
+    def _frequencies(self, count: int) -> list[float]:
+        """Frequencies of the contacts to try, rad/s, rising, see `_rows`."""
         deepest = max(1.2 * self.before.depth, self.before.depth + 5e-4)
         speed = math.sqrt(2.0 * self.bench.gravity * REBOUNDS[0].height)
         fastest = self.grid.fastest / self.bench.timestep
         slowest = min(max(10.0, _SLOWER * speed / deepest), 0.5 * fastest)
-        frequencies: list[float] = np.geomspace(slowest, fastest, self.grid.frequencies).tolist()
+        frequencies: list[float] = np.geomspace(slowest, fastest, count).tolist()
         return frequencies
 
     def _row(self, frequency: float) -> list[Spring]:
@@ -267,5 +293,6 @@ class ReboundSearch(ABC, Generic[Spring]):
         return force + depth + chance
 
     def _first_drops_are_no_worse(self, contact: Spring) -> bool:
-        tests = (self.drop(contact, self.before.seconds, [drop]) for drop in FIRST)
+        seconds = min(self.before.seconds, self.grid.first_seconds)
+        tests = (self.drop(contact, seconds, [drop]) for drop in self.grid.first)
         return not any(list(test.worse_than(self.before, self.target)) for test in tests)

@@ -111,7 +111,7 @@ def row(of: Answer) -> list[str]:
     was, now = change.before, change.after
     said = of.tuned.name if of.tuned.gains else "refused"
     largest = "" if change.reach is None else f"{1e3 * change.reach.rebound:.3g}"
-    falls = " (falls)" if was.fell or was.seconds < 2.0 else ""
+    falls = " (falls)" if was.falls else ""
     return [
         f"{of.robot.name}{falls}",
         f"{1e3 * of.target:g}",

@@ -30,6 +30,7 @@ from hcbench.sim.landing import (
     DROPS,
     HEIGHTS,
     SECONDS_TO_FALL,
+    TILT_AXIS,
     DropTest,
     Landed,
     Robot,
@@ -44,8 +45,6 @@ if TYPE_CHECKING:
     from hcbench.sim.model_under_test import Request
     from hcbench.terms.impact import Floats
 
-# Axis in the world about which a free base is tilted: no axis of symmetry of a robot.
-_TILT_AXIS = np.array([0.6, 0.8, 0.0])
 # Share of its range by which a joint that is beyond a limit is bent into it.
 _WITHIN_LIMITS = 0.05
 # MuJoCo's contact sensor (XML reference, sensor/contact): bits of what it reads, 1 for the force and
@@ -345,7 +344,7 @@ def _tilt(model: Any, data: Any, root: int, angle: float) -> None:
         address = int(model.jnt_qposadr[joint])
         if int(model.jnt_type[joint]) == int(kinds.mjJNT_FREE):
             turn = np.zeros(4)
-            backend().mju_axisAngle2Quat(turn, _TILT_AXIS, angle)
+            backend().mju_axisAngle2Quat(turn, np.array(TILT_AXIS), angle)
             turn_base(data, address, turn)
             return
         if int(model.jnt_type[joint]) == int(kinds.mjJNT_HINGE):

@@ -27,7 +27,7 @@ from hcbench.engines.mujoco.model.write_pairs import (
     taken_pairs,
     texts_of,
 )
-from hcbench.sim.landing import DropTest, ReboundSettings
+from hcbench.sim.landing import DROPS, SECONDS, DropTest, ReboundSettings
 from hcbench.sim.model_under_test import ModelSetting, Texts
 from hcbench.sim.rebound_search import FootSpring, ReboundSearch, SpringGrid
 
@@ -151,6 +151,11 @@ _GRID = SpringGrid(
     frequencies=8,
     dampings=tuple(np.geomspace(0.12, 1.4, 8).tolist()),
     calming=tuple(np.geomspace(0.4, 4.0, 8).tolist()),
+    first=(DROPS[-1], DROPS[len(DROPS) // 2]),
+    first_seconds=SECONDS,
+    nearest_frequencies=15,
+    nearest=8,
+    very_nearest=4,
 )
 # Impratios with elliptic cones that are tried for less slip; 0 is the model's own.
 _IMPRATIOS = (0.0, 10.0)

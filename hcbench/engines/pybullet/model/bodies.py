@@ -68,7 +68,7 @@ AXIS = 13
 PARENT = 16
 # Places in getDynamicsInfo: inertia, kg m², about the main axes; and the frame of these axes in
 # that of the link.
-_INERTIA = 2
+INERTIA = 2
 _FRAME_POSITION = 3
 _FRAME_QUATERNION = 4
 BODY_TYPE = 10
@@ -109,7 +109,7 @@ class BulletBody:
         base = bullet.getDynamicsInfo(number, -1)
         # A fixed base has a mass of 0.
         self.mass = base[MASS]
-        self.inertia = base[_INERTIA]
+        self.inertia = base[INERTIA]
         can_bend = any(joint[JOINT_TYPE] != FIXED for joint in self.joints)
         # A free body with fixed joints has more than one inertia: its tree adds them up.
         has_links = self.mass > 0.0 and bool(self.joints)
@@ -232,7 +232,7 @@ class JointTree:
         inertias = []
         for info in infos:
             mass = info[MASS]
-            inertias.append((mass, mass, mass, *info[_INERTIA]))
+            inertias.append((mass, mass, mass, *info[INERTIA]))
         self._inertia = np.sqrt(inertias)
         # Each joint's origin in its link's centre of mass frame, m.
         self._pivots = []
