@@ -552,12 +552,15 @@ class ReboundSettings:
     """Settings that an engine finds for a rebound, each computed when it is asked for.
 
     meeting: settings that have it in some drops, the most promising first. nearest: settings whose
-    rebounds are nearest to it, the nearest first. stiffer: see `Reach`.
+    rebounds are nearest to it, the nearest first, and with which no drop of the search lands worse.
+    trading: settings with a rebound nearer to it than the model's, with which something lands
+    worse, those with the least first. stiffer: see `Reach`.
     advice: sentences on options of the model that spoil every landing.
     """
 
     meeting: Iterable[ModelSetting]
     nearest: Iterable[ModelSetting]
+    trading: Iterable[ModelSetting]
     stiffer: Callable[[], tuple[tuple[float, float], ...]]
     advice: tuple[str, ...] = ()
 

@@ -143,6 +143,20 @@ class ReboundSearch(ABC, Generic[Spring]):
         again = [self._by_damping(one) for one in moved]
         yield from sorted(dict.fromkeys([*again, *refined]), key=self._miss)
 
+    def trading_contacts(self) -> Iterator[Spring]:
+        """Contacts that were tried whose rebound is nearer to the target than the model's, whatever
+        lands worse with them: in short drops the fewest quantities, then the nearest, first.
+        """
+        miss = abs(self.before.rebound - self.target)
+        tried = {one: test for one, test in self._tried.items() if not test.diverged}
+        nearer = [one for one in tried if self._miss(one) < miss]
+
+        def cost(contact: Spring) -> tuple[int, float]:
+            worse = list(tried[contact].worse_than(self._untuned, self.target))
+            return len(worse), self._miss(contact)
+
+        yield from sorted(nearer, key=cost)
+
     def _nearest_of(self, frequencies: Sequence[float]) -> list[Spring]:
         """The contacts of some frequencies that are nearest to the target and not worse in the drops of
         `nearest_contacts`, one a frequency, the nearest first; as many as the grid says.

@@ -267,6 +267,7 @@ def rebound_settings(
     return ReboundSettings(
         settings(search.contacts()),
         settings(search.nearest_contacts()),
+        settings(search.trading_contacts()),
         search.stiffer,
         advice(search.plain),
     )

@@ -126,7 +126,10 @@ def rebound_settings(
             yield _setting(build, search, spring)
 
     return ReboundSettings(
-        settings(search.contacts()), settings(search.nearest_contacts()), search.stiffer
+        settings(search.contacts()),
+        settings(search.nearest_contacts()),
+        settings(search.trading_contacts()),
+        search.stiffer,
     )
 
 
