@@ -137,11 +137,13 @@ class ReboundSearch(ABC, Generic[Spring]):
         one whose rebound is nearest to the target; the nearest first.
         """
         frequencies = self._frequencies(self.grid.nearest_frequencies)
-        refined = sorted(map(self._by_damping, self._nearest_of(frequencies)), key=self._miss)
+        nearest = self._nearest_of(frequencies)
+        refined = sorted(map(self._by_damping, nearest), key=self._miss)
         very_nearest = refined[: self.grid.very_nearest]
         moved = (self._by_frequency(one, frequencies) for one in very_nearest)
         again = [self._by_damping(one) for one in moved]
-        yield from sorted(dict.fromkeys([*again, *refined]), key=self._miss)
+        # Those at the edge of what lands no worse may fail in more drops: the others come after them.
+        yield from sorted(dict.fromkeys([*again, *refined, *nearest]), key=self._miss)
 
     def trading_contacts(self) -> Iterator[Spring]:
         """Contacts that were tried whose rebound is nearer to the target than the model's, whatever
@@ -158,13 +160,15 @@ class ReboundSearch(ABC, Generic[Spring]):
         yield from sorted(nearer, key=cost)
 
     def _nearest_of(self, frequencies: Sequence[float]) -> list[Spring]:
-        """The contacts of some frequencies that are nearest to the target and not worse in the drops of
-        `nearest_contacts`, one a frequency, the nearest first; as many as the grid says.
+        """The contacts of some frequencies that are nearest to the target, nearer than the model as it
+        is, and not worse in the drops of `nearest_contacts`, one a frequency, the nearest first; as
+        many as the grid says.
         """
+        own = abs(self._untuned.rebound - self.target)
         rows = (self._feasible(self._row(frequency)) for frequency in frequencies)
         nearest: dict[float, Spring] = {}
         for contact in sorted(itertools.chain.from_iterable(rows), key=self._miss):
-            if len(nearest) == self.grid.nearest:
+            if len(nearest) == self.grid.nearest or self._miss(contact) >= own:
                 break
             if contact.frequency not in nearest and self._first_drops_are_no_worse(contact):
                 nearest[contact.frequency] = contact
