@@ -19,7 +19,7 @@
 #define HCB_LIFTS 0.5       /* of the speed that counts as rest, at which what rests too deep is lifted; */
 #define HCB_RETURNS 0.9     /* of the speed at which it turns in, besides: two ends of a body that send each other down gain nothing */
 #define HCB_LIFT_STEPS 2    /* in which it is, or more; */
-#define HCB_NO_FALL 1e-8    /* m/s: that speed, where gravity closes no contact */
+#define HCB_STEEP 0.2       /* of gravity along the normal, below which none is lifted */
 #define HCB_STRAYS 1e-2 /* of the speed that counts as rest, up to which contacts may move that are to stand (strays.c) */
 #define HCB_NO_FORCE 1e-40    /* D of a row whose force starts from 0 */
 #define HCB_SILENT -1e10       /* m/s^2: a row that never pushes */
@@ -177,11 +177,12 @@ static double third_of_constant(const mjModel* m, const blow* b) {
    did not stop. As it comes down by u h/2 within a step, speeds of -u and u at its two ends keep the depth and the energy; 0 at the end
    loses both, and so does an impact. What comes down that slowly in a deep contact is at rest, then; what has just landed is as deep as
    it came in the step, and is not meant. What a landing left goes at a speed that the next step's fall takes back, so that nothing hops.
-   Where gravity closes no contact, what is lifted would go on. */
+   Where gravity hardly closes a contact, as at a wall or in front of a hand, what is lifted would go on, or gain energy. */
 static void set_lift(const mjModel* m, blow* b) {
   double h = m->opt.timestep, third = third_of_constant(m, b), approach = fmax(0, -b->rate[0]);
-  double excess = b->x - mju_norm3(m->opt.gravity) * third * third - approach * h, most = excess / (HCB_LIFT_STEPS * h);
-  if (excess <= 0 || b->law.still < HCB_NO_FALL) return;
+  double gravity = mju_norm3(m->opt.gravity), excess = b->x - gravity * third * third - approach * h;
+  if (excess <= 0 || gravity == 0 || b->law.still < HCB_STEEP * HCB_STILL * gravity * h) return;
+  double most = excess / (HCB_LIFT_STEPS * h);
   int turns_in = approach <= most;
   b->lift = fmin(most, HCB_LIFTS * b->law.still + (turns_in ? HCB_RETURNS * approach : 0));
   if (turns_in) b->law.kind = HCB_CONSTANT, b->law.value = 0;
