@@ -316,7 +316,10 @@ def _compared(
 
 
 def outcome(verdict: Json, expected: Json) -> tuple[str, str]:
-    """("passed", "failure" or "skipped", why)."""
+    """(kind, why) of a verdict of `judge`; kind is "passed", "failure" or "skipped".
+
+    expected: {case: reason} of known failures, which are skipped, and failures once they pass.
+    """
     known = expected.get(verdict["case"])
     if verdict["verdict"] == "pass":
         if known:
@@ -328,8 +331,18 @@ def outcome(verdict: Json, expected: Json) -> tuple[str, str]:
 
 
 def junit(verdicts: list[Json], engine: str, expected: Json) -> str:
-    """The verdicts as JUnit's XML."""
-    root = ElementTree.Element("testsuite", name=f"hcbench-cases {engine}")
+    """The verdicts of one engine as a <testsuite> of JUnit's XML, with a <testcase> each.
+
+    verdicts: as `judge` returns them. engine: its name. expected: {case: reason}, see `outcome`.
+    """
+    kinds = [outcome(verdict, expected)[0] for verdict in verdicts]
+    root = ElementTree.Element(
+        "testsuite",
+        name=f"hcbench-cases {engine}",
+        tests=str(len(kinds)),
+        failures=str(kinds.count("failure")),
+        skipped=str(kinds.count("skipped")),
+    )
     for verdict in verdicts:
         name, of = f"{verdict['case']} {verdict['title']}", f"hcbench-cases.{engine}"
         part = ElementTree.SubElement(root, "testcase", name=name, classname=of)

@@ -23,7 +23,8 @@ GRAVITY = 9.81
 RADIUS = 0.05
 # Steps of flight before the touch, at least: an engine sees the ball come.
 CLEAR = 2.0625
-# Time that a launch lasts, s: a soft contact has ended by then.
+# Time that a launch lasts after its touch, s, at least: a soft contact has ended by then. With long
+# steps it lasts longer, 40 of them.
 AFTER = 0.5
 CLOSE = {"value": 0.02, "reason": "Two drops of one material differ by more"}
 FILE = Path(__file__).with_name("hcbench-cases-1.json")
