@@ -98,7 +98,7 @@ class ModelSweep:
     files that were there when it began. damaged: names of those that were cut short and are
     measured again.
     points: speeds (and angles) of all rows; without_e: those without an e, of rows that were
-    refused or crashed the engine, too. lowest, highest: e.
+    refused or crashed the engine, too. lowest, highest: e of all points.
     """
 
     rows: int

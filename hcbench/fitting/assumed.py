@@ -216,6 +216,8 @@ def is_train(times: Floats) -> bool:
 def is_sure_train(times: Floats) -> bool:
     """Say whether numbers are times of bounces whatever stands beside them: each flight is shorter than
     the one before by a share that changes smoothly.
+
+    times: (n,), of one unit, whichever it is.
     """
     if not is_train(times) or len(times) < _SURE:
         return False

@@ -45,10 +45,10 @@ _ALONE = ("times", "heights")
 
 @dataclass(frozen=True, slots=True)
 class DataColumns:
-    """The columns of a table by what they are: SI, shape (n,);
-    uncertainties under "u_" and the name.
+    """The columns of a table by role, which is what they are, such as "time": SI, shape (n,);
+    uncertainties under "u_" and the role.
 
-    places: number of the table's column by what it is.
+    places: {role: number of the table's column}.
     assumed: what the file does not say and its numbers leave no choice about; "" for nothing.
     """
 
@@ -73,7 +73,9 @@ class DataColumns:
 
     @property
     def roles(self) -> frozenset[str]:
-        """Roles that the table has, uncertainties apart."""
+        """Roles that the table has, uncertainties apart; "time" also where rows, frames or samples
+        are counted at a known frequency.
+        """
         found = {role for role in self.places if role in QUANTITY_OF}
         has_count = self.table.frequency is not None and "interval" not in found
         has_series = bool({"frame", "sample"} & self.places.keys()) or bool({"force"} & found)

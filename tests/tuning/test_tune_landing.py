@@ -168,7 +168,7 @@ def test_a_landing_is_worse_in_what_grew_by_more_than_is_stated() -> None:
 
 
 def test_a_drop_that_diverged_is_said_to_in_each_line_of_the_table() -> None:
-    """Its depth was infinite, and the table said "never"."""
+    """The table said "never" of its infinite depth, too."""
     landing = tuned(rebound=0.02).landing
     assert landing is not None
     was = landing.before

@@ -12,7 +12,10 @@ import warp
 
 
 class NewtonBodies:
-    """Bodies in one of Newton's solvers. gains: stiffness, m/h², and damping, m/h, by its name."""
+    """An engine of `hcbench_cases`: one of Newton's solvers.
+
+    gains: stiffness, m/h², and damping, m/h, by its name.
+    """
 
     version = newton.__version__
     # Of a contact, in m/h² and m/h: the damper of 1 stops a body in a step. SemiImplicit and
