@@ -433,7 +433,7 @@ def _ticks(low: float, high: float) -> tuple[list[float], list[str]]:
                 values.append(value)
     if len(values) < 2:
         steps = MaxNLocator(_FEW_STEPS, steps=[1, 2, 5, 10]).tick_values(first, last)
-        values = [value for value in steps.tolist() if first <= value <= last]
+        values = [float(value) for value in steps if first <= value <= last]
     return values, [f"{value:g}" for value in values]
 
 

@@ -192,7 +192,7 @@ def _type(bullet: BulletClient, link: _Link) -> str:
 
 
 def _joint(body: BulletBody, link: int) -> str:
-    """What lets a link move, in words: "its free base", "its joints (...)" with the first six between
+    """Joints that let a link move, in words: "its free base", "its joints (...)" with the first six between
     the base and it, or "nothing".
 
     link: -1 the base. A base of mass 0 is fixed in Bullet.
