@@ -156,7 +156,8 @@ def restitution(each: Json, states: States) -> float:
 def _free_rise(z: dict[int, float], fall: float, touch: float) -> list[int]:
     """Steps after the contact on which a ball first rises; none of one that rests or hovers.
 
-    z: heights. fall: their second difference in free flight.
+    z: {step: height, m}. fall: their second difference in free flight, m. touch: height at which
+    the ball touches, m.
     """
     free: list[int] = []
     is_up = False

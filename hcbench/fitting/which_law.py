@@ -59,9 +59,9 @@ def laws_left(evidence: Mapping[str, float], odds: float = ODDS_TO_TELL) -> set[
 
 
 def odds_of(evidence: Mapping[str, float]) -> dict[str, float]:
-    """Odds of each law against the likeliest of the others, within exp(-700) ... exp(700).
+    """{law: its odds against the likeliest of the others, within exp(-700) ... exp(700)}.
 
-    evidence: ln of each law's, two laws or more.
+    evidence: {law: ln of its evidence}, two laws or more.
     """
     odds = {}
     for name, one in evidence.items():
