@@ -490,7 +490,7 @@ def _clicks(sound: Floats, rate: int, step: float) -> tuple[Indices, Floats]:
 
 
 class Timer:
-    """Times of clicks: by Akaike's criterion (Maeda 1985), then by correlation with the train's
+    """Timer of a train's clicks: by Akaike's criterion (Maeda 1985), then by correlation with the train's
     mean.
     """
 

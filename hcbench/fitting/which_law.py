@@ -241,7 +241,7 @@ def dissipation_of(log_e: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _HuntCrossleyCurve(FittedCurve):
-    """ln e = ln e0 + ln e of eq. (16)."""
+    """The curve ln e = ln e0 + ln e of eq. (16), with its parameters fixed."""
 
     # (3/2) α, s/m: times a speed it is the dissipation d of the law.
     rate: float
@@ -278,7 +278,7 @@ class _HuntCrossleyCurve(FittedCurve):
 
 
 class HuntCrossleyLaw(CandidateLaw):
-    """e of eq. (16)."""
+    """The law of eq. (16) as a candidate: e falls with speed."""
 
     name = "hunt-crossley"
     formula = "e of the law, α"

@@ -63,7 +63,7 @@ _CAVEATS = ("MJX drops a pair's adhesion; in float32 set solimp to 0.9, where Mu
 
 
 class MjxEngine(DescribesContact, SharedModelEngine):
-    """MuJoCo in JAX, 3.17."""
+    """The engine MJX 3.17, MuJoCo in JAX."""
 
     name = "mjx"
     title = "MuJoCo MJX"
