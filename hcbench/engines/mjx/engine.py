@@ -221,7 +221,7 @@ class MjxCopies(Copies):
 def _compiled(step_text: str, radius: float, bits: int, own: Any) -> tuple[Any, Any, Any]:
     """(place, run, read): compiled functions that put copies into states, take steps and record
     them, or take steps and read impacts instead; made once for each law, radius, precision and
-    model of its own, of which the last 16 are kept.
+    model of its own.
 
     step_text: lines that define `step(model, data)`. radius: of the ball, m. bits: 32 or 64.
     own: the MjModel that the lines of e(v) read; None of others.

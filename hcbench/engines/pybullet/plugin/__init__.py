@@ -82,8 +82,8 @@ def command(
 ) -> str:
     """The text of executePluginCommand that adds a law.
 
-    friction: a coefficient, or `Friction`; None for the product of the bodies' own. A law that sets
-    e has no friction at rest of its own: of a `Friction` it takes the dynamic coefficient alone.
+    friction: a coefficient, or `Friction`, of which a law that sets e takes the dynamic coefficient
+    alone; None for the product of the bodies' own.
     cup: (radius, x, y, z), m, of the spherical cup that the first body, a sphere, lies in: its
     centre is in the frame of the second body's centre of mass.
 
