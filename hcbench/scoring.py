@@ -60,7 +60,7 @@ def _law_loop(law: HuntCrossley, mass: float, speed: float) -> Loop:
 
 
 def score_loop(impact: Impact, law: HuntCrossley, mass: float) -> LoopScore | None:
-    """Compare one impact's loop with the law's at the same speed.
+    """Compare one impact's loop with the law's at the same speed: ratios and shares, pure numbers.
 
     mass: effective, kg. None for an impact that did not part, has no loop, or whose loop has fewer
     steps than STEPS_TO_COMPARE.

@@ -11,7 +11,10 @@ import Box2D
 
 
 class Box2dBodies:
-    """With the best settings that are known: lengths in a unit that is small for Box2D."""
+    """An engine of `hcbench_cases`: Box2D with the best settings that are known.
+
+    Lengths are in a unit that is small for Box2D.
+    """
 
     name, version, combine = "box2d", version("box2d"), "maximum"
 
@@ -82,7 +85,7 @@ class Box2dBodies:
 
 
 class Box2dStock(Box2dBodies):
-    """With nothing chosen but restitution and friction."""
+    """An engine of `hcbench_cases`: Box2D with nothing chosen but restitution and friction."""
 
     name = "box2d-stock"
 

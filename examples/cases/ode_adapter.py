@@ -10,7 +10,7 @@ from panda3d import ode
 
 
 class OdeBodies:
-    """With the best settings that are known."""
+    """An engine of `hcbench_cases`: ODE with the best settings that are known."""
 
     name, version, combine = "ode", version("panda3d"), None
 
@@ -75,7 +75,7 @@ class OdeBodies:
 
 
 class OdeStock(OdeBodies):
-    """With nothing chosen but restitution and friction."""
+    """An engine of `hcbench_cases`: ODE with nothing chosen but restitution and friction."""
 
     name = "ode-stock"
 

@@ -39,7 +39,7 @@ _REST_S = 6.0
 
 @dataclass(frozen=True, slots=True)
 class Bounce:
-    """One of several: when the contact began and ended, s after
+    """One of several bounces: when the contact began and ended, s after
     release, and how high it went then, m.
     """
 

@@ -98,7 +98,7 @@ class ModelSweep:
     files that were there when it began. damaged: names of those that were cut short and are
     measured again.
     points: speeds (and angles) of all rows; without_e: those without an e, of rows that were
-    refused or crashed the engine, too. lowest, highest: e.
+    refused or crashed the engine, too. lowest, highest: e of all points.
     """
 
     rows: int
@@ -294,7 +294,10 @@ def _described(job: _SweepJob, facts: Facts, rows: Floats, part_rows: int) -> di
 def _parts(
     job: _SweepJob, rows: Floats, size: int, described: Mapping[str, Any]
 ) -> list[SweepPart]:
-    """All parts of a sweep, in order, each of `size` rows or, the last, fewer."""
+    """All parts of a sweep, in order, each of `size` rows or, the last, fewer.
+
+    rows: of parameters, (n, parameters). described: as of `_described`.
+    """
     common = {name: value for name, value in described.items() if not name.startswith("rows")}
     prefix = json_text(common)
     parts = []
@@ -315,8 +318,8 @@ def _begin(files: Files, described: Mapping[str, Any], wanted: set[str]) -> set[
     """Make the folder that of a sweep, or see that it is; return the names of its parts that are
     there.
 
-    wanted: names of all its parts. Raises UserError for a folder of other files, and for one of
-    another sweep.
+    described: as of `_described`. wanted: names of all its parts. Raises UserError for a folder of
+    other files, and for one of another sweep.
     """
     files.require_folder()
     names = files.names()

@@ -392,8 +392,9 @@ def _rounded(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _versions(versions: Mapping[str, str]) -> dict[str, str]:
-    """Versions that a page states: of what made the results, as the sweep has them, and of what
-    makes their page, of this process. Packages first, then engines; pyarrow is left out.
+    """{package or engine: version} that a page states: of what made the results, as the sweep has
+    them, `versions`, and of what makes their page, of this process. Packages first, then engines;
+    pyarrow is left out.
     """
     packages = ("hcbench", "matplotlib", "numpy", "scipy", "python")
     stated = dict(versions)

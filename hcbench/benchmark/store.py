@@ -175,7 +175,7 @@ class Files:
 
 
 class LocalFiles(Files):
-    """On a file system of this machine, a shared one included."""
+    """Files of a folder on a file system of this machine, a shared one included."""
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file, whole or not at all; it is on disk then."""

@@ -366,8 +366,9 @@ def _loop_columns(key: Mapping[str, Any], asked: tuple[float, float], loop: Loop
 def _summary(columns: Mapping[str, Any]) -> Summary:
     """Share of one shard in its setting's line of the summary, for one α.
 
-    columns: of its impacts. Errors are of those that parted or came to rest; 0 where none did. The
-    squares are summed, so that `Totals` can make one root of all shards.
+    columns: {name: (n,)} of its impacts, as of IMPACT_COLUMNS. Errors are of those that parted
+    or came to rest; 0 where none did. The squares are summed, so that `Totals` can make one root of
+    all shards.
     """
     status = np.asarray(columns["status"])
     parted = status == Status.PARTED

@@ -27,19 +27,20 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from statistics import fmean, geometric_mean, pstdev
 from typing import Any
-from xml.etree import ElementTree
+from xml.etree import ElementTree as ET
 
 Json = dict[str, Any]
+Batch = list[tuple[Json, Json]]  # runs, each with its result
 States = list[list[Any]]  # of each recorded step [step, state of a body, ...]
 CASES = Path(__file__).resolve().with_name("hcbench-cases-1.json")
 LIMIT = 300.0  # s a case
 _Z, _VZ = 2, 5  # places in the state of a body
-COMBINE: dict[str, Callable[[list[float]], float]] = {
+COMBINE: dict[str, Any] = {
     "product": math.prod, "average": fmean, "geometric": geometric_mean, "maximum": max, "minimum": min
 }  # fmt: skip
 
@@ -65,7 +66,7 @@ def run(engine: Any, cases: Json) -> Json:
 
 def _run_case(engine: Any, runs: list[Json]) -> list[Json]:
     """Results: {"states": ...}, {"unsupported": why} or {"error": why}."""
-    batches: dict[str, list[tuple[Json, Json]]] = {}  # runs, each with its result
+    batches: dict[str, Batch] = {}
     results: list[Json] = []
     for number, each in enumerate(runs):
         world = each["world"]
@@ -93,7 +94,7 @@ def _with_place(error: Exception) -> str:
     return f"{type(error).__name__}: {said} ({Path(at.filename).name}, line {at.lineno})"
 
 
-def _run_batch(engine: Any, batch: list[tuple[Json, Json]]) -> None:
+def _run_batch(engine: Any, batch: Batch) -> None:
     """Step the worlds that the engine can make; add their states to the results."""
     made = []
     for each, result in batch:
@@ -156,7 +157,7 @@ def restitution(each: Json, states: States) -> float:
 def _free_rise(z: dict[int, float], fall: float, touch: float) -> list[int]:
     """Steps after the contact on which a ball first rises; none of one that rests or hovers.
 
-    z: heights. fall: their second difference in free flight.
+    z: {step: height}, m. fall: their second difference in free flight.
     """
     free: list[int] = []
     is_up = False
@@ -250,7 +251,7 @@ def _last(each: Json, states: States) -> States:
     return [state for state in states if state[0] >= begin]
 
 
-QUANTITIES: dict[str, Callable[[Json, States], Any]] = {
+QUANTITIES: dict[str, Any] = {
     read.__name__: read for read in (
         restitution, height_share, drift, vibration, force_noise, depth, sink, rise, velocity, spin
     )
@@ -307,7 +308,7 @@ def _compared(
     if materials and combine is None:
         raise NotImplementedError("no rule for two restitutions is stated")
     for name, expected in each["expected"].items():
-        true: Any = COMBINE[combine](materials) if materials and combine else expected
+        true = COMBINE[combine](materials) if materials and combine else expected
         measured = QUANTITIES[name](each, states)
         if not isinstance(measured, list):
             measured, true = [measured], [true]
@@ -316,27 +317,31 @@ def _compared(
 
 
 def outcome(verdict: Json, expected: Json) -> tuple[str, str]:
-    """("passed", "failure" or "skipped", why)."""
-    known = expected.get(verdict["case"])
-    if verdict["verdict"] == "pass":
-        if known:
-            return "failure", f"passes, though it is expected to fail: {known}"
-        return "passed", ""
-    if known or verdict["verdict"] == "unsupported":
+    """("passed", "failure" or "skipped", why). expected: {case: reason} of known failures, which
+    are skipped until they pass.
+    """
+    known, word = expected.get(verdict["case"]), verdict["verdict"]
+    if word == "pass":
+        return ("failure", f"passes, but is expected to fail: {known}") if known else ("passed", "")
+    if known or word == "unsupported":
         return "skipped", known or verdict["why"]
-    return "failure", f"{verdict['verdict']}: {verdict['why']}"
+    return "failure", f"{word}: {verdict['why']}"
 
 
 def junit(verdicts: list[Json], engine: str, expected: Json) -> str:
-    """The verdicts as JUnit's XML."""
-    root = ElementTree.Element("testsuite", name=f"hcbench-cases {engine}")
+    """The verdicts of `judge` as JUnit's XML. expected: see `outcome`."""
+    root = ET.Element("testsuite", name=f"hcbench-cases {engine}", tests=str(len(verdicts)))
+    kinds = []
     for verdict in verdicts:
-        name, of = f"{verdict['case']} {verdict['title']}", f"hcbench-cases.{engine}"
-        part = ElementTree.SubElement(root, "testcase", name=name, classname=of)
+        name = f"{verdict['case']} {verdict['title']}"
+        part = ET.SubElement(root, "testcase", name=name, classname=f"hcbench-cases.{engine}")
         kind, text = outcome(verdict, expected)
+        kinds.append(kind)
         if kind != "passed":
-            ElementTree.SubElement(part, kind, message=text)
-    return ElementTree.tostring(root, encoding="unicode")
+            ET.SubElement(part, kind, message=text)
+    for name, kind in ("failures", "failure"), ("skipped", "skipped"):
+        root.set(name, str(kinds.count(kind)))
+    return ET.tostring(root, encoding="unicode")
 
 
 def _start(arguments: list[str]) -> Any:
@@ -424,17 +429,16 @@ def _run_every(asked: Any, cases: Json, known: Json) -> int:
 
 
 def main() -> int:
-    """Exit 1 where a case fails that is not expected to, or passes that is; 2 for a file that
-    cannot be read, 3 where an adapter makes no engine.
-    """
+    """Exit 1 for an unexpected failure or pass, 2 for a file that cannot be read, 3 for no engine."""
     parser = argparse.ArgumentParser(description="Run bounce cases in an engine.")
-    parser.add_argument("adapter", type=Path, help="file with a list ENGINES")
-    parser.add_argument("--cases", type=Path, default=CASES)
-    parser.add_argument("--expected", type=Path, help="JSON {engine: {case: reason}}")
-    parser.add_argument("--out", type=Path, help="file for the results")
-    parser.add_argument("--junit", type=Path, help="file for JUnit")
-    parser.add_argument("--limit", type=float, default=LIMIT, help="seconds for a case")
-    parser.add_argument("own", nargs="*", help=argparse.SUPPRESS)  # of its processes
+    add = parser.add_argument
+    add("adapter", type=Path, help="file with ENGINES")
+    add("--cases", type=Path, default=CASES)
+    add("--expected", type=Path, help="JSON {engine: {case: reason}}")
+    add("--out", type=Path, help="file of results")
+    add("--junit", type=Path, help="JUnit file")
+    add("--limit", type=float, default=LIMIT, help="seconds a case")
+    add("own", nargs="*", help=argparse.SUPPRESS)  # of its processes
     asked = parser.parse_args()
     try:
         cases = load(asked.cases)

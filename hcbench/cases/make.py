@@ -23,7 +23,8 @@ GRAVITY = 9.81
 RADIUS = 0.05
 # Steps of flight before the touch, at least: an engine sees the ball come.
 CLEAR = 2.0625
-# Time that a launch lasts, s: a soft contact has ended by then.
+# Time that a launch lasts after its touch, s, at least: a soft contact has ended by then. With long
+# steps it lasts longer, 40 of them.
 AFTER = 0.5
 CLOSE = {"value": 0.02, "reason": "Two drops of one material differ by more"}
 FILE = Path(__file__).with_name("hcbench-cases-1.json")
@@ -324,7 +325,7 @@ def two_balls() -> Iterator[Json]:
     spin=CLOSE,
 )
 def box_on_a_smaller_box() -> Iterator[Json]:
-    """A box that falls at 1 m/s on a smaller one leaves at 1 m/s and does not turn, at e = 1."""
+    """A box with restitution 1 on a smaller box neither turns nor gains speed."""
     for h, quarter in product((1 / 240, 1 / 1000), range(4)):
         lower = box((0.05,) * 3, (0, 0, 0.05), fixed=True)
         upper = box((0.1, 0.1, 0.05), (0, 0, 0.15 + (CLEAR + quarter / 4) * h), (0, 0, -1))

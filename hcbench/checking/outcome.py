@@ -126,7 +126,7 @@ _LIMIT = re.compile(r"\s*(?P<name>[a-z]+)\s*(?P<way>[<>])=?\s*(?P<value>.+?)\s*"
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """One bound.
+    """One bound of a measured number.
 
     most: whether `value` (SI) is the largest allowed; else the smallest.
     text: as given.

@@ -259,7 +259,7 @@ def _longest_flag(option: click.Option) -> str:
 
 
 class Group(click.Group):
-    """A group of such commands."""
+    """A group of commands, with a help in the form of theirs."""
 
     command_class = Command
 

@@ -16,6 +16,7 @@ from hcbench.system.errors import LimitPassed
 from hcbench.system.text import as_bound, joined_names, sanitized, time_step
 
 if TYPE_CHECKING:
+    from hcbench.sim.landing import DropTest
     from hcbench.tuning.tuned_model import LandingChange, TunedModel, TunedPair
 
 
@@ -337,15 +338,21 @@ def print_landing(tuned: TunedModel, change: LandingChange) -> None:
 
 
 def landing_table(change: LandingChange) -> list[str]:
-    """The landing before and after, a line each; the worst of all drops, but the rebound."""
+    """The landing before and after, a line each: the rebound, then the worst of all drops of each
+    quantity that was measured.
+
+    The rebound is the mean over the phases of the flat drops from the largest height, in mm, +- the
+    largest difference from it. Where a drop diverged, every value is "diverged".
+    """
     from hcbench.sim.landing import QUANTITIES
 
     was = change.before
     now = change.after
-    spread = f"{1e3 * now.rebound:.3g} +- {1e3 * now.spread:.2g}"
+    rebound = _landed(was, f"{1e3 * was.rebound:.3g}")
+    with_spread = _landed(now, f"{1e3 * now.rebound:.3g} +- {1e3 * now.spread:.2g}")
     rows = [
         ("landing of the robot", "before", "after"),
-        ("rebound from 10 cm, mm", f"{1e3 * was.rebound:.3g}", spread),
+        ("rebound from 10 cm, mm", rebound, with_spread),
     ]
     for each in QUANTITIES:
         old = getattr(was, each.name) / each.si
@@ -353,13 +360,21 @@ def landing_table(change: LandingChange) -> list[str]:
         if math.isnan(old) and math.isnan(new):
             continue
         title = ", ".join(filter(None, (each.title, each.unit)))
-        rows.append((title, _number(old), _number(new)))
+        rows.append((title, _landed(was, _number(old)), _landed(now, _number(new))))
     first = max(len(title) for title, _, _ in rows)
     second = max(len(old) for _, old, _ in rows)
     return [f"{title:<{first}}  {old:>{second}}  {new}" for title, old, new in rows]
 
 
+def _landed(test: DropTest, value: str) -> str:
+    """A value of a drop test as its table has it."""
+    return "diverged" if test.diverged else value
+
+
 def _number(value: float) -> str:
+    """A quantity of landings that ended, in its printed unit; infinite is the time to a rest that
+    never came.
+    """
     return "never" if math.isinf(value) else f"{value:.3g}"
 
 

@@ -53,7 +53,7 @@ _DOCS = "Exudyn documentation, ObjectContactSphereSphere"
 
 
 class ExudynEngine(DescribesContact, ScriptedEngine[ExudynOptions]):
-    """Exudyn's ObjectContactSphereSphere."""
+    """The engine Exudyn, with its ObjectContactSphereSphere."""
 
     name = "exudyn"
     title = "Exudyn"

@@ -58,7 +58,7 @@ _CAVEATS = (
 
 
 class MujocoWarpEngine(DescribesContact, SharedModelEngine):
-    """MuJoCo in Warp, 4.0."""
+    """The engine MuJoCo Warp 4.0."""
 
     name = "mujoco-warp"
     title = "MuJoCo Warp"

@@ -54,7 +54,7 @@ class NewtonOptions(ScriptOptions):
 
 
 class NewtonEngine(DescribesContact, ScriptedWorldsEngine[NewtonOptions]):
-    """Newton 1.8."""
+    """The engine Newton 1.8."""
 
     name = "newton"
     title = "Newton"

@@ -30,7 +30,7 @@ _STEP_SPREAD = 0.01
 
 
 class RecordedEngine(Engine):
-    """Hands back the impact that a file holds: what was recorded is what
+    """An engine that hands back the impact that a file holds: what was recorded is what
     counts, not what was asked for.
 
     Option "file": a CSV with the columns time_s, penetration_m, rate_m_per_s, force_n (others are

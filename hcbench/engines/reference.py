@@ -101,7 +101,8 @@ _POINTS_MAX = 2001
 
 
 class ReferenceEngine(Engine):
-    """Knows nothing of steps or phases: the time step only says how densely a loop is sampled.
+    """An engine that solves laws without steps or phases: the time step only says how densely a loop
+    is sampled.
 
     Settings: "hunt-crossley", options alpha (s/m), and stiffness (N/m^n) and exponent where they
     differ from the scene's; "kelvin-voigt", options stiffness (N/m) and damping (N s/m), contact

@@ -93,7 +93,11 @@ def rivals_in_air(
 
 
 def _likeliest_mass(fitted: Callable[[float], LawFit]) -> tuple[float, LawFit]:
-    """ln of the mass in kg at which a fit is likeliest, and that fit: by halving a grid twice."""
+    """(ln of the mass in kg at which a fit is likeliest, that fit): of a grid of four masses, whose
+    step around the best one is then halved _HALVINGS times.
+
+    fitted: the fit with a ball of a mass, kg.
+    """
     tried: dict[float, LawFit] = {}
     for x in np.linspace(math.log(_LIGHTEST), math.log(_HEAVIEST), 4).tolist():
         tried[x] = fitted(math.exp(x))

@@ -183,6 +183,8 @@ def _taken_as(columns: _SortedColumns, asked: str) -> dict[int, str]:
 def _with_names(table: Table, taken: Mapping[int, str], why: str) -> tuple[Table, str]:
     """A table with the roles of some columns as their names, in SI where they have no unit, and a
     sentence of what it lacked.
+
+    taken: {number of a column: its role}. why: the end of the sentence.
     """
     header = list(table.header)
     said = []
@@ -216,6 +218,8 @@ def is_train(times: Floats) -> bool:
 def is_sure_train(times: Floats) -> bool:
     """Say whether numbers are times of bounces whatever stands beside them: each flight is shorter than
     the one before by a share that changes smoothly.
+
+    times: (n,), of one unit, whichever it is.
     """
     if not is_train(times) or len(times) < _SURE:
         return False

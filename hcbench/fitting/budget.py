@@ -24,7 +24,7 @@ _CONTACT = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class BudgetRow:
-    """One source.
+    """One source of the uncertainty of a parameter.
 
     kind: "A" or "B".
     uncertainty: its own, standard, SI.

@@ -284,7 +284,8 @@ def _sort_signs(
 ) -> None:
     """Add a number to those that tell the decimal sign, or to those that may part thousands.
 
-    at: its column.
+    at: its column. of_decimal: {decimal sign: the first number that shows it}. unclear: {"." or ",":
+    [(column, number)] in which this sign may part thousands or be the decimal one}.
     """
     for blank in _BLANKS:
         mantissa = mantissa.replace(blank, "")

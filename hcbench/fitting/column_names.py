@@ -203,7 +203,7 @@ def _toml(name: str) -> dict[str, Any]:
 
 @cache
 def _lexicon(of_files: bool = False) -> dict[str, str]:
-    """Meaning of each word or phrase, as `_words` parts it.
+    """{word or phrase, as `_words` parts it: its meaning, a key of words.toml}.
 
     of_files: those of lines before a table, in place of those of columns.
     """

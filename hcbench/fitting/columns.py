@@ -45,10 +45,10 @@ _ALONE = ("times", "heights")
 
 @dataclass(frozen=True, slots=True)
 class DataColumns:
-    """The columns of a table by what they are: SI, shape (n,);
-    uncertainties under "u_" and the name.
+    """The columns of a table by role, which is what they are, such as "time": SI, shape (n,);
+    uncertainties under "u_" and the role.
 
-    places: number of the table's column by what it is.
+    places: {role: number of the table's column}.
     assumed: what the file does not say and its numbers leave no choice about; "" for nothing.
     """
 
@@ -73,7 +73,9 @@ class DataColumns:
 
     @property
     def roles(self) -> frozenset[str]:
-        """Roles that the table has, uncertainties apart."""
+        """Roles that the table has, uncertainties apart; "time" also where rows, frames or samples
+        are counted at a known frequency.
+        """
         found = {role for role in self.places if role in QUANTITY_OF}
         has_count = self.table.frequency is not None and "interval" not in found
         has_series = bool({"frame", "sample"} & self.places.keys()) or bool({"force"} & found)
@@ -173,7 +175,10 @@ def _is_of_trial(name: str) -> bool:
 
 
 def _advice(table: Table, roles: dict[str, list[int]], unknown: list[int]) -> str:
-    """Advice on columns with unknown names: the kind to ask for, where one of them may be the data."""
+    """Advice on columns with unknown names: the kind to ask for, where one of them may be the data.
+
+    roles: {role: numbers of its columns}. unknown: numbers of the columns with unknown names.
+    """
     if any(
         {"px", "pixel", "pixels"} & set(re.split(r"[\W_]+", table.header[i][0])) for i in unknown
     ):
@@ -263,6 +268,8 @@ def _is_sure(columns: DataColumns, unknown: Sequence[int]) -> bool:
 def _leave_counters(table: Table, roles: dict[str, list[int]]) -> None:
     """Leave out columns such as "interval" that count the rows, beside others that have a unit or do
     not count.
+
+    roles: {role: numbers of its columns}, changed in place.
     """
     of_data = {role: at for role, at in roles.items() if role in QUANTITY_OF}
     kept = {
@@ -278,6 +285,8 @@ def _leave_counters(table: Table, roles: dict[str, list[int]]) -> None:
 def _with_lone_uncertainty(table: Table, roles: dict[str, list[int]], unknown: list[int]) -> Table:
     """The table with the unit of the column before in each column that is named "SD" or "±" alone:
     it is the uncertainty of that column.
+
+    roles: {role: numbers of its columns}. unknown: numbers of the columns without a role.
     """
     header = list(table.header)
     for i in [i for i in unknown if meanings_of(header[i][0]) == {"uncertainty"}]:
@@ -308,6 +317,8 @@ def _part_numbered(table: Table, roles: dict[str, list[int]]) -> None:
 def _part_by_others(table: Table, roles: dict[str, list[int]]) -> None:
     """Take columns for what they mean beside the others: a height beside that of the drop is one of a
     rebound.
+
+    roles: {role: numbers of its columns}, changed in place.
     """
     is_film = bool({"time", "frame", "sample"} & roles.keys())
     if "height_in" in roles and "height" in roles and "height_out" not in roles and not is_film:
@@ -328,7 +339,7 @@ def _part_by_others(table: Table, roles: dict[str, list[int]]) -> None:
 def _one_of(table: Table, role: str, at: list[int], roles: dict[str, list[int]]) -> int:
     """The column to take of several with one role: any of equal ones, and the height that falls freely.
 
-    Raises UserError where they differ.
+    at: numbers of the several. roles: {role: numbers of its columns}. Raises UserError where they differ.
     """
     clock = next((roles[one][0] for one in ("time", "frame", "sample") if one in roles), None)
     if role == "height" and clock is not None:

@@ -30,7 +30,7 @@ _OF_CLICKS = 1.15
 
 
 class Dataset(NoisyData, ABC):
-    """One drop. Subclasses are frozen dataclasses with the fields `name` and `setup`.
+    """The data of one drop. Subclasses are frozen dataclasses with the fields `name` and `setup`.
 
     assumed: what the file does not say, such as a unit, and its numbers leave no choice about.
     """
@@ -99,7 +99,7 @@ class Dataset(NoisyData, ABC):
 
 @dataclass(frozen=True, slots=True)
 class BounceTrain:
-    """Flights one after the other.
+    """Flights of a ball, one after the other, with the impacts between them.
 
     launch: (n,), m/s.
     touch: (m,), speed of each impact, m/s.

@@ -448,7 +448,10 @@ def _in_a_row(count: int) -> list[Floats]:
 
 
 def _of_loop(penetration: Floats, rate: Floats) -> list[Floats]:
-    """Masks of neighbours in a loop, (n,): by penetration and by rate, on approach and on rebound."""
+    """Masks of neighbours in a loop, (n,): by penetration and by rate, on approach and on rebound.
+
+    penetration: (n,), m. rate: of it, (n,), m/s, above 0 on approach.
+    """
     groups = []
     for side in (rate > 0, rate <= 0):
         depth = np.argsort(np.argsort(np.where(side, penetration, np.inf)))

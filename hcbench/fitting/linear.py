@@ -450,7 +450,7 @@ def quantiles(values: Floats, weight: Floats, shares: Sequence[float]) -> list[f
 
 @dataclass(frozen=True, slots=True)
 class LawFit:
-    """One law about its most likely parameters.
+    """The fit of one law to data, linearised about its most likely parameters.
 
     reference: speed, m/s, at which the law's first parameter is ln e.
     own, latent, models, reduced: a data set each; latent: relative changes of each e, and in the

@@ -196,7 +196,8 @@ def _records(
 ) -> _Columns:
     """Columns of records that begin at these lines: those with a name that all of them have.
 
-    named: the numbers in each line.
+    lines: (number in the text, line). named: {place in `lines`: the numbers of that line with their
+    names}. starts: places in `lines`, rising.
     """
     records: list[dict[str, str]] = []
     all_words: dict[str, str] = {}

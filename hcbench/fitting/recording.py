@@ -490,17 +490,21 @@ def _clicks(sound: Floats, rate: int, step: float) -> tuple[Indices, Floats]:
 
 
 class Timer:
-    """Times of clicks: by Akaike's criterion (Maeda 1985), then by correlation with the train's
+    """Timer of a train's clicks: by Akaike's criterion (Maeda 1985), then by correlation with the train's
     mean.
     """
 
     def __init__(self, band: FrequencyBand, places: Indices) -> None:
         """Make the template of one train's clicks, against which any click of the band is timed.
 
-        places: (n,), samples at which the train's clicks are.
+        places: (n,), samples at which the train's clicks are, one at least: ValueError without any.
+        The template, (m,), is a click as `_piece` cuts it out: _OVERSAMPLING values a sample, from
+        0.8 ms before the click's onset to 2 ms after.
         """
+        if not len(places):
+            raise ValueError("no click to make a template of")
         self.band = band
-        # Of clicks that were timed: s, by their samples.
+        # Times of the clicks that were timed, in samples and fractions of one, by their places.
         self._times: dict[int, float] = {}
         pieces = [self._piece(self._onset_of(int(p))) for p in places]
         shifts = np.zeros(len(pieces))
@@ -532,9 +536,10 @@ class Timer:
         return _onset(self.band.sound, self.band.rate, place)
 
     def _piece(self, onset: int) -> Floats:
-        """The click from 0.3 ms before its onset to 1.2 ms after, oversampled, of energy 1.
+        """The click from 0.3 ms before its onset to 1.2 ms after, with a margin of 0.5 ms before
+        and 0.8 ms after for shifts: _OVERSAMPLING values a sample, scaled to a sum of squares of 1.
 
-        onset: sample of the sound. A margin of 0.5 ms is kept at either end, for shifts.
+        onset: sample of the sound. Beyond the sound's ends the click is 0.
         """
         from scipy.signal import resample_poly
 

@@ -142,12 +142,16 @@ class DropResult:
 class FitResult(Drawn):
     """The fit of all laws to one or more drops.
 
-    law: the one that the data support; None where several are left.
-    asked: the one of --law, or "auto".
+    sets: the data, one of each file.
+    asked: the law of --law, or "auto".
+    law: the one of --law; of "auto" the one that the data support, None where several are left,
+    where `doubts` or `reservation` say why none is given, where no law is likely to fit, and where
+    the loss may be adhesion.
     fits: every law tried, the likeliest first; odds: of each against the best of the others.
     alpha, e0, restitution: None where the law that they belong to is ruled out or was not asked
     for.
-    speeds: range of impact speeds in m/s that the data hold.
+    speeds: the least and the largest impact speed of the data, m/s.
+    budget: the sources of the uncertainty of α.
     doubts: why neither a law nor α is given although one was fitted.
     reservation: why no law is given.
     lack: the odds that no law fits.

@@ -53,7 +53,7 @@ class Known:
 @checked_fields
 @dataclass(frozen=True, slots=True)
 class MeasurementSetup:
-    """SI.
+    """The ball and the conditions of a measurement, SI.
 
     height: of the bottom of the ball above the plate where it was let go; None: unknown.
 

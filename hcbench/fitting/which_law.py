@@ -59,9 +59,9 @@ def laws_left(evidence: Mapping[str, float], odds: float = ODDS_TO_TELL) -> set[
 
 
 def odds_of(evidence: Mapping[str, float]) -> dict[str, float]:
-    """Odds of each law against the likeliest of the others, within exp(-700) ... exp(700).
+    """{law: its odds against the likeliest of the others, within exp(-700) ... exp(700)}.
 
-    evidence: ln of each law's, two laws or more.
+    evidence: {law: ln of its evidence}, two laws or more.
     """
     odds = {}
     for name, one in evidence.items():
@@ -222,9 +222,9 @@ def hunt_crossley(d: float) -> tuple[float, float]:
 # The points of one posterior are described many times.
 @lru_cache(maxsize=4096)
 def dissipation_of(log_e: float) -> float:
-    """d = (3/2) α v at which ln e of eq. (16) is this, by Newton's method over ln d.
+    """d = (3/2) α v, a pure number, at which ln e of eq. (16) is this, by Newton's method over ln d.
 
-    Odd in ln e: above 0, a gain, d is below 0.
+    Odd in ln e: above 0, a gain, d is below 0. Raises OverflowError beyond a ln e of ±709.7.
     """
     if abs(log_e) < 1e-6:
         return -1.5 * log_e
@@ -241,7 +241,7 @@ def dissipation_of(log_e: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _HuntCrossleyCurve(FittedCurve):
-    """ln e = ln e0 + ln e of eq. (16)."""
+    """The curve ln e = ln e0 + ln e of eq. (16), with its parameters fixed."""
 
     # (3/2) α, s/m: times a speed it is the dissipation d of the law.
     rate: float
@@ -278,7 +278,7 @@ class _HuntCrossleyCurve(FittedCurve):
 
 
 class HuntCrossleyLaw(CandidateLaw):
-    """e of eq. (16)."""
+    """The law of eq. (16) as a candidate: e falls with speed."""
 
     name = "hunt-crossley"
     formula = "e of the law, α"

@@ -61,7 +61,9 @@ _START = (0.99793785, 1.24335334, -0.36192314, -1.11520903, 0.73747348)
 
 
 def _series(d: Floats, top: float) -> Floats:
-    """S for one chunk of 0 <= d <= top, which is LOW or TOP, by Clenshaw's recurrence in place."""
+    """S for one chunk of 0 <= d <= top, which is LOW or TOP, by Clenshaw's recurrence; d stays as it
+    is.
+    """
     series = LOW_SERIES if top == LOW else SERIES
     x2 = d / (SHIFT + d)
     x2 *= 4.0 * (SHIFT + top) / top

@@ -91,7 +91,8 @@ class CurvePoint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve(Columns[CurvePoint]):
-    """A sequence of `CurvePoint`; each column has its attribute of that name, shape (n,).
+    """A sequence of `CurvePoint`; each column has its attribute of that name, in the same unit,
+    shape (n,).
 
     along: shape (n, 6), the columns of `AlongPlate`.
     """

@@ -139,7 +139,10 @@ def simulate_in_engine(
 def _simulate(
     name: str, blocks: TwoBlocks, position: float, velocity: float, forces: Floats
 ) -> tuple[Floats, Floats]:
-    """Simulate the two blocks, in the worker process."""
+    """(positions, m; velocities, m/s) of the ball between two blocks, in the worker process.
+
+    name: of the engine. The rest is as of `simulate` in its two_blocks.py, SI.
+    """
     states: tuple[Floats, Floats]
     states = registry.submodule(name, "two_blocks").simulate(blocks, position, velocity, forces)
     return states

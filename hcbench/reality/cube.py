@@ -108,7 +108,7 @@ def _whole_numbers(values: Any) -> tuple[int, ...]:
 
 
 class _Unpickler(pickle.Unpickler):
-    """Knows tensors and nothing else.
+    """Unpickler that reads tensors and nothing else.
 
     load: what stands for a storage's key and type.
     """

@@ -221,7 +221,10 @@ class Tosses:
         return module.simulate(self.body, setting, values, timestep, starts)
 
     def as_simulated(self, simulated: Sequence[Floats], timestep: float = TIMESTEP) -> "Tosses":
-        """The motions with poses of states, at the same times."""
+        """The motions with poses of states, at the same times.
+
+        simulated: of each motion, states at the start and after each step. timestep: s.
+        """
         motions = []
         for toss, states in zip(self.motions, simulated, strict=True):
             place, turn = at_times(states, timestep, toss.time - toss.time[0])

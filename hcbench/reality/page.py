@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from hcbench.reality import cube, study
 from hcbench.reality.data_sets import SETS, SOURCES
@@ -363,6 +364,8 @@ def pairs_text(impacts: Sequence[ImpactRead]) -> str:
 # The figures of the page: errors by setting with the floors, and e of each impact over speed.
 
 _BINS = 6
+# Even steps on an axis, at most: so many that two ticks are on it.
+_FEW_STEPS = 5
 
 
 def name_of(score: SettingScore) -> str:
@@ -401,27 +404,36 @@ def errors_figure(scores: Sequence[SettingScore], unit: str) -> Figure:
     for floor, (colour, dashes) in zip(floors, ((GREEN, "--"), (SLATE, ":")), strict=False):
         axes.axvline(floor.error, color=colour, linestyle=dashes, label=floor.setting)
     axes.set_yticks(range(len(settings)), [name_of(score) for score in settings])
-    log_axis(axes, "x")
-    all_errors = [score.error for score in scores]
-    ticks, labels = _ticks(min(all_errors), max(all_errors))
-    axes.set_xticks(ticks, labels)
-    axes.set_xlabel(f"error, {unit} (log scale)")
+    # An error of 0 has no place on a log axis.
+    above_zero = [score.error for score in scores if score.error > 0.0]
+    scale = ""
+    if above_zero:
+        log_axis(axes, "x")
+        axes.set_xticks(*_ticks(min(above_zero), max(above_zero)))
+        scale = " (log scale)"
+    axes.set_xlabel(f"error, {unit}{scale}")
     if floors:
         axes.legend(loc="upper right")
     return figure
 
 
 def _ticks(low: float, high: float) -> tuple[list[float], list[str]]:
-    """Round numbers (1, 2 and 5 times a power of ten) of a log axis from low to high, and their
-    labels.
+    """(values, labels) of the ticks of a log axis, round numbers from 0.8 low to 1.3 high: 1, 2 and
+    5 times a power of ten; where fewer than two are between, even steps.
+
+    low, high: the least and the largest number of the axis, above 0.
     """
+    first, last = 0.8 * low, 1.3 * high
     powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
     values = []
     for power in powers:
         for digit in (1, 2, 5):
             value = float(digit * power)
-            if 0.8 * low <= value <= 1.3 * high:
+            if first <= value <= last:
                 values.append(value)
+    if len(values) < 2:
+        steps = MaxNLocator(_FEW_STEPS, steps=[1, 2, 5, 10]).tick_values(first, last)
+        values = [float(value) for value in steps if first <= value <= last]
     return values, [f"{value:g}" for value in values]
 
 

@@ -53,7 +53,7 @@ NO_ENGINE = "none"
 
 @dataclass(frozen=True, slots=True)
 class SettingScore:
-    """A line: a mean error with its 95 % interval over n tosses or bounces.
+    """A line of the table of scores: a mean error with its 95 % interval over n tosses or bounces.
 
     set: name of the data set. engine: NO_ENGINE for a floor.
     cone: of friction, where the engine has several; else "".

@@ -43,7 +43,8 @@ _DELIVERED = "The delivered e follows from χ. It differs from the target, excep
 def exact_above(slowest: float, e: float) -> float:
     """Impact speed over g h from which the restitution plug-ins' e is exact.
 
-    slowest: g h of the impacts that rest by chance of where in the step they touch.
+    slowest: speed over g h below which impacts rest by chance of where in the step they touch.
+    e: the restitution, 0 ... 1.
 
     Gravity pulls a body that parts at less than g h/2 back within the step: it stays down, as with
     e = 0.

@@ -112,7 +112,9 @@ def answered(view: View) -> Iterator[Mapping[str, Any]]:
 def answer_of(
     view: View, engine: str, timestep: float, alpha: float | None = None
 ) -> Mapping[str, Any] | None:
-    """The one for an engine, a step and an α, else the main one; None where none is known."""
+    """The answer of `tune` for an engine, a step, s, and an α, s/m, None the view's main one; None
+    where no answer is known.
+    """
     return view.answers.get(
         (engine, timestep, f"{view.main_alpha if alpha is None else alpha:.9g}")
     )

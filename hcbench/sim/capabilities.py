@@ -115,7 +115,7 @@ class Features:
 
 
 class DescribesContact(Engine):
-    """Describes its own contact.
+    """An engine that describes its own contact.
 
     features: None for those of the engine whose models it steps.
     """
@@ -130,7 +130,7 @@ class DescribesContact(Engine):
 
 
 class HasPlugin(Engine):
-    """Takes the contact laws as a plug-in."""
+    """An engine that takes the contact laws as a plug-in."""
 
     @abstractmethod
     def plugin(self, *, install: bool = False) -> Path:
@@ -151,7 +151,7 @@ def plugin_of(engine: Engine, install: bool) -> Path:
 
 
 class OpensModels(Engine):
-    """Opens models that users wrote.
+    """An engine that opens models that users wrote.
 
     suffixes: of their files.
     opens: objects that it opens, in words.

@@ -76,9 +76,10 @@ def _joined(values: Sequence[Any]) -> Any:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Launches(Columns[Launch]):
-    """A sequence of `Launch`.
+    """A sequence of `Launch`, each attribute a column in the same unit and frame.
 
-    speed, phase, height (NaN for none): shape (n,); slip: (n, 2); spin: (n, 3).
+    speed (m/s), phase (share of a step), height (m, NaN for none): shape (n,); slip: (n, 2), m/s;
+    spin: (n, 3), rad/s.
     """
 
     speed: Floats
@@ -103,7 +104,9 @@ class Launches(Columns[Launch]):
 
     @classmethod
     def of_table(cls, table: Floats) -> Launches:
-        """Launches from a table of all their columns, shape (n, 8)."""
+        """Launches from a table, shape (n, 8): speed, phase, height, slip 2, spin 3. Their columns
+        are views of it.
+        """
         return cls(
             speed=table[:, 0],
             phase=table[:, 1],
@@ -233,7 +236,8 @@ class Recorded:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Impacts(Columns[Impact]):
-    """A sequence of `Impact`; each column has what its attribute of that name has, shape (n,).
+    """A sequence of `Impact`; each column has what its attribute of that name has, in the same unit,
+    shape (n,).
 
     status: indices into STATUSES.
     source: a `Recorded` that has the loop, in a row from a step on (start); or the loop itself, or

@@ -71,7 +71,7 @@ class Footfall:
 
 @dataclass(frozen=True, slots=True)
 class Landing:
-    """One drop.
+    """One drop of a robot, and what came of it.
 
     height, m, and tilt, rad: at release.
 

@@ -143,7 +143,7 @@ class Bounces:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One scene that was tried.
+    """Result of one scene in which a setting was tried.
 
     name: what it is.
     under: options it ran with.

@@ -33,7 +33,7 @@ _SAME_GRAVITY = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Promise:
-    """A setting for a pair.
+    """Facts that a setting for a pair was found with, as its text states them.
 
     rows: <pair>s of the same two geoms; 0 for a plug-in.
     curve: the target.

@@ -324,9 +324,10 @@ def require_motion_at(coordinate: float, timestep: float, fastest: float, bits: 
     if fastest * timestep < _FEWEST * place:
         got = f"{timestep:g} s in float{bits}: at {fastest:.3g} m/s the ball moves {fastest * timestep:.1g} m"
         expected = f"{_FEWEST * place:.1g} m or more, as positions have steps of {place:.1g} m"
-        raise SettingError(
-            "timestep", got, expected, f"Use {_FEWEST * place / fastest:.1g} s or more"
-        )
+        advice = "Launch at a speed above 0 m/s"
+        if fastest > 0.0:
+            advice = f"Use {_FEWEST * place / fastest:.1g} s or more"
+        raise SettingError("timestep", got, expected, advice)
 
 
 def law_text(law: PythonLaw | None, force: str, by_impact: str) -> str:

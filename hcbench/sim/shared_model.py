@@ -85,7 +85,9 @@ class Copies(ABC):
 
     @abstractmethod
     def step(self, steps: int) -> Floats:
-        """States after each of at most `steps` more steps, shape (n, places, n)."""
+        """States after each of at most `steps` more steps, SI: shape (k, places, n) of k steps taken
+        and n numbers a state, positions and then velocities.
+        """
 
     def read_on(self, rule: Rule, reading: Reading, fewest: int, most: int) -> Reading:
         """Step balls on and read each step, until at most `fewest` go on or `most` steps are taken."""

@@ -443,8 +443,8 @@ def _write_manifest(folder: Path, files: dict[str, str]) -> None:
 
 
 def _read_manifest(folder: Path) -> dict[str, str]:
-    """Names, relative to `folder`, of files that were written earlier, and their
-    digests; none without a MANIFEST that can be read.
+    """{name, relative to `folder`: SHA-256 digest} of files that were written earlier; empty without
+    a MANIFEST that can be read.
     """
     try:
         content = parse_json(read_text(folder / MANIFEST))

@@ -11,6 +11,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import itertools
+import json
 import os
 import re
 import zlib
@@ -41,7 +42,8 @@ def write_output(path: Path, content: str | bytes, option: str, force: bool = Fa
 
     option: the option that names it, such as "--page". force: replace any file.
     Raises UserError where a file is in the way that the same option did not write, and for a path
-    at which no file can be; OutputError where it cannot be written.
+    at which no file can be; OutputError where it cannot be written; ValueError for JSON that has no
+    place for a mark.
     """
     _require_replaceable(path, option, force)
     if isinstance(content, str):
@@ -247,10 +249,12 @@ def _marked(content: bytes, option: str) -> bytes:
     """The content with its mark: a last comment, that of a ZIP archive, a text chunk before the
     last of a PNG, or a last key in JSON, which takes no comment.
 
-    option: the one that writes it.
+    option: the one that writes it. Raises ValueError for JSON without a last object that has a key.
     """
     after = _after_mark(content)
     before = content.removesuffix(after)
+    if _is_json(content) and (not after or before.rstrip().endswith(b"{")):
+        raise ValueError(f"JSON of {option} has no last object with a key, to take its mark")
     if content.startswith(_ZIP):
         # An archive ends with the length of its comment, 2 bytes; NumPy writes none.
         before = content[:-2]
@@ -265,9 +269,19 @@ def _after_mark(content: bytes) -> bytes:
     """
     if content.startswith(_PNG):
         return content[-12:]
-    if content.startswith((b"{", b"[")) and (end := _JSON_END.search(content)):
+    if _is_json(content) and (end := _JSON_END.search(content)):
         return end.group()
     return b""
+
+
+def _is_json(content: bytes) -> bool:
+    """Say whether a content is a JSON object or list; Markdown and TOML may begin with "[" too."""
+    if not content.startswith((b"{", b"[")):
+        return False
+    with suppress(ValueError):
+        json.loads(content)
+        return True
+    return False
 
 
 def _frame(content: bytes, option: str, digest: bytes) -> bytes:
@@ -279,7 +293,7 @@ def _frame(content: bytes, option: str, digest: bytes) -> bytes:
         return (len(chunk) - 4).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
     if content.startswith(_ZIP):
         return len(mark).to_bytes(2, "little") + mark
-    if content.startswith((b"{", b"[")):
+    if _is_json(content):
         return f',\n "{MARK_KEY}": "'.encode() + mark + b'"'
     if content.lstrip().startswith(b"<") or option == "--markdown":
         return b"<!-- " + mark + b" -->\n"

@@ -238,8 +238,10 @@ def _hints(function: Callable[..., Any]) -> dict[str, Any]:
 
 
 def _fits(value: Any, hint: Any) -> bool:
-    """Say whether a value fits an annotated type; a list serves for a tuple, any real number for a
-    float. True also for a type that cannot be told apart at run time.
+    """Say whether a value fits an annotated type; a list serves for a tuple, any real number up to
+    the largest float for a float. True also for a type that cannot be told apart at run time.
+
+    An int fits up to _LARGEST_INT, of either sign.
     """
     # The usual case, answered at once. An int may still be too large.
     if type(value) is hint and hint is not int:
@@ -284,11 +286,11 @@ def _is_tuple(value: Any, parts: _Parts) -> bool:
     """Say whether a value is a tuple or list of such parts, or of any number of one where `...` is
     the last.
 
-    parts: types, as `tuple[...]` has them.
+    parts: types, as `tuple[...]` has them; none of `tuple[()]`, which an empty one alone fits.
     """
     if not isinstance(value, tuple | list):
         return False
-    if parts[-1] is Ellipsis:
+    if parts[1:] == (Ellipsis,):
         parts = parts[:1] * len(value)
     return len(value) == len(parts) and all(map(_fits, value, parts))
 
@@ -370,7 +372,7 @@ def _words(hint: Any) -> str:
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return "a mapping of names to values"
     if isinstance(origin, type) and issubclass(origin, Iterable):
-        if parts[1:] in ((), (Ellipsis,)):
+        if parts and parts[1:] in ((), (Ellipsis,)):
             return f"a list, each item {_words(parts[0])}"
         return f"{len(parts)} values"
     return _WORDS.get(hint, f"a {getattr(hint, '__name__', hint)}")

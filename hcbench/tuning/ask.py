@@ -8,7 +8,7 @@ import dataclasses
 import os
 import re
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -335,7 +335,22 @@ def tune_model(
             raise UserError(option, f"a model of {of}", "a model that is one file")
     for option, path in outputs.items():
         write_output(path, texts[option], option, force)
-    return dataclasses.replace(tuned, files=tuple(outputs.values()))
+    notes = (*tuned.notes, *_without_include(tuned.written, outputs, output.include))
+    return dataclasses.replace(tuned, files=tuple(outputs.values()), notes=notes)
+
+
+def _without_include(text: str, outputs: Mapping[str, Path], include: str) -> list[str]:
+    """A sentence where a model was written that does not include the file of the lines; else none.
+
+    text: of the model. outputs: files, by their options. include: the file's name in the model.
+    """
+    if len(outputs) < 2 or f'<include file="{include}"/>' in text:
+        return []
+    model = outputs["--write-model"].name
+    return [
+        f"{model} has the lines itself and does not include {include}: your model's own text could "
+        "not stay."
+    ]
 
 
 def is_model(model: ModelSource) -> bool:

@@ -168,6 +168,29 @@ def test_json_with_its_mark_has_the_same_content(folder: Path) -> None:
         assert marked == content
 
 
+@pytest.mark.parametrize("content", [{}, [], [1, 2], [{}], [{"a": 1}, 2], [[{"a": 1}]]])
+def test_json_without_a_place_for_a_mark_is_refused(folder: Path, content: Any) -> None:
+    with pytest.raises(ValueError, match="no last object with a key"):
+        write_output(Path("b.json"), json.dumps(content), "--out")
+    assert not Path("b.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "text", "begin"),
+    [
+        ("--markdown", "[![badge](b.svg)](https://a.org) {x}", "<!-- written"),
+        ("--out", "[check]\nspeeds = {low = 1}", "# written"),
+    ],
+)
+def test_a_text_that_begins_with_a_bracket_is_no_json(
+    folder: Path, option: str, text: str, begin: str
+) -> None:
+    for _ in range(2):
+        write_output(Path("t"), text, option)
+    kept, mark = Path("t").read_text(encoding="utf-8").rsplit("\n", 2)[:2]
+    assert (kept, mark.startswith(begin)) == (text, True)
+
+
 def test_an_archive_with_its_mark_is_an_archive(folder: Path) -> None:
     archive = io.BytesIO()
     np.savez(archive, e=[0.5])

@@ -16,7 +16,7 @@ from hcbench.cli import run
 from hcbench.fitting import listening
 from hcbench.fitting.estimate import fit_law
 from hcbench.fitting.listening import listen, quick_score
-from hcbench.fitting.recording import Recording, read_recording
+from hcbench.fitting.recording import FrequencyBand, Recording, Timer, read_recording
 from hcbench.fitting.setup import MeasurementSetup
 from hcbench.fitting.which_law import LAWS, WITH_E0
 from hcbench.system.errors import UserError
@@ -35,6 +35,13 @@ def test_touches_are_heard(surface: str) -> None:
         off = picks.times - heard
         assert np.abs(off - np.median(off)).max() < 3e-3
         assert np.median(np.abs(off - np.median(off))) < 2e-5
+
+
+def test_a_timer_needs_a_click() -> None:
+    none = np.array([], dtype=np.intp)
+    band = FrequencyBand(2000.0, np.zeros(44100), 44100, none, np.array([]))
+    with pytest.raises(ValueError, match="no click"):
+        Timer(band, none)
 
 
 @pytest.mark.parametrize("kind", ["8", "16", "24", "float", "stereo"])

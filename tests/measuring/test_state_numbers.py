@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import hcbench as hb
-from hcbench.engines.mujoco.model.start_pose import start_pose
+from hcbench.engines.mujoco.model.start_pose import require_plausible_model, start_pose
 from hcbench.measuring.request import make_request, read_joints, read_state
-from hcbench.system.errors import QuantityError, UserError
+from hcbench.system.errors import QuantityError, SceneError, UserError
 from hcbench.system.text import gravity_text
 
 
@@ -54,6 +54,19 @@ def test_gravity_is_one_number_along_minus_z_alone() -> None:
     assert gravity_text((0.0, 0.0, -9.81)) == "9.81"
     assert gravity_text((0.0, 0.0, 0.0)) == "0"
     assert gravity_text((0.0, 0.0, 9.81)) == "0 0 9.81"
+
+
+@pytest.mark.parametrize(("half", "is_refused"), [(0.0, False), (-1.0, True)])
+def test_a_half_size_of_a_plane_is_0_or_more(half: float, is_refused: bool) -> None:
+    """The size of 0 means an infinite plane; MuJoCo compiles one below 0, too."""
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><worldbody><geom name="floor" type="plane" size="{half} 1 1"/></worldbody></mujoco>'
+    )
+    if not is_refused:
+        require_plausible_model(model, "m.xml")
+        return
+    with pytest.raises(SceneError, match=r"m\.xml: size -1 of geom floor"):
+        require_plausible_model(model, "m.xml")
 
 
 def test_a_position_out_of_bounds_is_named_by_the_body_of_its_free_joint() -> None:

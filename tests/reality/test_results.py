@@ -13,7 +13,7 @@ import pytest
 from hcbench.reality import evidence
 from hcbench.reality.data_sets import smooth_least
 from hcbench.reality.motion import SettingErrors
-from hcbench.reality.page import build, page_text, verdicts
+from hcbench.reality.page import build, errors_figure, page_text, verdicts
 from hcbench.reality.study import NO_ENGINE, RealityRequest, RealityResults, SettingScore, csv_text
 from hcbench.system.errors import UserError
 
@@ -30,6 +30,28 @@ OTHER = replace(PLUGIN, engine="pybullet", cone="", error=12.2, error_low=11.4, 
 
 def results(*scores: SettingScore) -> RealityResults:
     return RealityResults(RealityRequest(["cube"]), {}, scores, {}, [], {}, [], [], {})
+
+
+@pytest.mark.parametrize(
+    ("errors", "labels"),
+    [
+        ((1.0, 20.0), ["1", "2", "5", "10", "20"]),
+        ((2.6, 3.8), ["3", "4"]),
+        ((3.0, 3.0), ["2.5", "3", "3.5"]),
+        ((0.0, 10.0, 30.0), ["10", "20"]),
+    ],
+)
+def test_the_axis_of_errors_has_round_ticks(errors: list[float], labels: list[str]) -> None:
+    """A narrow range had no tick, and an error of 0 no figure."""
+    scores = [replace(ELLIPTIC, error=error, error_low=error, error_high=error) for error in errors]
+    (axes,) = errors_figure(scores, "%").axes
+    assert [label.get_text() for label in axes.get_xticklabels()] == labels
+
+
+def test_errors_of_0_alone_have_a_plain_axis() -> None:
+    exact = replace(ELLIPTIC, error=0.0, error_low=0.0, error_high=0.0)
+    (axes,) = errors_figure([exact], "%").axes
+    assert (axes.get_xscale(), axes.get_xlabel()) == ("linear", "error, %")
 
 
 def test_the_table_has_the_columns_that_others_read() -> None:

@@ -19,7 +19,7 @@ import pytest
 from hcbench.recipes.recipe import Recipe, Role
 from hcbench.sim import registry
 from hcbench.sim.backend import Backend, UntriedVersionWarning
-from hcbench.sim.scripted import ScriptedEngine
+from hcbench.sim.scripted import ScriptedEngine, require_motion_at
 from hcbench.system.errors import EngineFailed, EngineMissing, SettingError
 from hcbench.terms.impact import Launch, Status
 from hcbench.terms.scene import load_scene
@@ -27,6 +27,13 @@ from hcbench.terms.setting import Setting
 from hcbench.testing import setting_for
 
 PLANE = load_scene("steel-plane")
+
+
+def test_a_ball_at_rest_is_refused_without_a_step_that_would_help() -> None:
+    with pytest.raises(SettingError, match=r"at 0 m/s the ball moves 0 m; .*Launch at a speed"):
+        require_motion_at(0.05, 1e-3, 0.0, 32)
+
+
 SCRIPTED = [name for name in registry.names() if isinstance(registry.engine(name), ScriptedEngine)]
 RECIPES = [f"{name}.{recipe}" for name in SCRIPTED for recipe in registry.recipes(name)]
 

@@ -186,6 +186,16 @@ def test_a_strange_value_is_taken_or_refused_by_its_name(kind: str, name: str) -
         assert not isinstance(taken, int | float)
 
 
+def test_a_tuple_of_no_parts_takes_none() -> None:
+    @checked
+    def takes(nothing: tuple[()] = ()) -> int:
+        return len(nothing)
+
+    assert takes(()) == takes([]) == 0  # type: ignore[arg-type]
+    with pytest.raises(UserError, match=r"nothing: .* expected 0 values"):
+        takes((1,))  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("name", ["number", "one", "many"])
 @pytest.mark.parametrize("value", [np.array(2.0), np.float64(2.0), np.array(2)])
 def test_an_array_of_no_dimension_is_a_number(name: str, value: Any) -> None:

@@ -18,8 +18,9 @@ from long_searches import long_search
 
 import hcbench as hb
 from hcbench.cli import run
+from hcbench.cli.tune_model import landing_table
 from hcbench.measuring import Wanted
-from hcbench.sim.landing import HEIGHTS, PHASES, QUANTITIES, DropTest, Reach
+from hcbench.sim.landing import DROPS, HEIGHTS, PHASES, QUANTITIES, DropTest, Reach, drop_test
 from hcbench.sim.model_under_test import ModelSetting
 from hcbench.sim.rest import UNKNOWN
 from hcbench.system.errors import EngineFailed, UserError
@@ -166,10 +167,38 @@ def test_a_landing_is_worse_in_what_grew_by_more_than_is_stated() -> None:
     assert not list(never.worse_than(never))
 
 
+def test_a_drop_that_diverged_is_said_to_in_each_line_of_the_table() -> None:
+    """The table said "never" of its infinite depth, too."""
+    landing = tuned(rebound=0.02).landing
+    assert landing is not None
+    was = landing.before
+    lost = drop_test(was.robot, {DROPS[0]: None}, was.seconds)
+    _, *lines = landing_table(LandingChange(was, lost))
+    assert all(line.endswith("  diverged") for line in lines)
+    never = dataclasses.replace(was, rest=math.inf)
+    _, _, rest, *others = landing_table(LandingChange(was, never))
+    assert rest.split()[-1] == "never"
+    assert not any("never" in line or "diverged" in line for line in others)
+
+
 @cache
 def ball() -> hb.TunedModel:
     good = QUADRUPED.with_name("good.xml")
     return hb.tune_model(good, "ball,plate", restitution=0.5, speeds="0.5, 1 m/s")
+
+
+def test_a_model_whose_text_cannot_stay_says_that_it_includes_no_file(tmp_path: Path) -> None:
+    """The geoms have no names in the user's text: both files held the lines, without a word."""
+    text = QUADRUPED.with_name("good.xml").read_text(encoding="utf-8")
+    model = tmp_path / "good.xml"
+    model.write_text(text.replace('<geom name="ball"', "<geom"), encoding="utf-8")
+    out = tmp_path / "out.xml"
+    made = hb.tune_model(
+        model, "ball,plate", restitution=0.5, speeds="0.5, 1 m/s",
+        write_model=out, write_include=tmp_path / "pairs.xml",
+    )  # fmt: skip
+    assert "<include" not in out.read_text(encoding="utf-8")
+    assert made.notes[-1].startswith("out.xml has the lines itself and does not include pairs.xml")
 
 
 class Lands:

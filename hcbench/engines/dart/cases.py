@@ -13,7 +13,7 @@ import numpy as np
 
 
 class DartBodies:
-    """With the best settings that are known."""
+    """An engine of `hcbench_cases`: DART with the best settings that are known."""
 
     name = "dart"
     version = version("dartpy")
@@ -107,7 +107,7 @@ class DartBodies:
 
 
 class DartStock(DartBodies):
-    """With nothing chosen but restitution and friction; in metres."""
+    """An engine of `hcbench_cases`: DART in metres, only restitution and friction chosen."""
 
     name = "dart-stock"
     length = 1.0

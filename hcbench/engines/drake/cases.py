@@ -14,7 +14,7 @@ logging.getLogger("drake").setLevel(logging.ERROR)
 
 
 class DrakeBodies:
-    """With the best settings that are known."""
+    """An engine of `hcbench_cases`: Drake with the best settings that are known."""
 
     name = "drake"
     version = version("drake")
@@ -107,7 +107,7 @@ class DrakeBodies:
 
 
 class DrakeStock(DrakeBodies):
-    """With nothing chosen but the friction."""
+    """An engine of `hcbench_cases`: Drake with nothing chosen but the friction."""
 
     name = "drake-stock"
 

@@ -18,7 +18,7 @@ FLOOR_RADIUS = 100.0
 
 
 class ExudynBodies:
-    """With the best settings that are known."""
+    """An engine of `hcbench_cases`: Exudyn with the best settings that are known."""
 
     name = "exudyn"
     version = exudyn.__version__
@@ -116,7 +116,7 @@ class ExudynBodies:
 
 
 class ExudynStock(ExudynBodies):
-    """With nothing chosen."""
+    """An engine of `hcbench_cases`: Exudyn with nothing chosen."""
 
     name = "exudyn-stock"
 

@@ -92,13 +92,13 @@ class MjxWorlds:
 
 
 class MjxBodies(MjxWorlds, Best):  # type: ignore[misc]
-    """With the best settings that are known."""
+    """An engine of `hcbench_cases`: MJX with the best settings that are known."""
 
     name = "mjx"
 
 
 class MjxStock(MjxWorlds, Stock):  # type: ignore[misc]
-    """With nothing chosen but the friction."""
+    """An engine of `hcbench_cases`: MJX with nothing chosen but the friction."""
 
     name = "mjx-stock"
 

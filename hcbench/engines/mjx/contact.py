@@ -143,8 +143,10 @@ def restitution(model: Any, pairs: Mapping[tuple[str, str], Value]) -> Step:
 
 
 def _laws(model: Any, pairs: Mapping[tuple[str, str], Value]) -> _Laws:
-    """The laws of all pairs of geoms. Raises UserError for names that the model lacks, for none at
-    all, and for two geoms that two pairs mean.
+    """The laws of all pairs of geoms.
+
+    pairs: {two names of geoms or bodies: e, or their law}. Raises UserError for names that the
+    model lacks, for none at all, and for two geoms that two pairs mean.
     """
     if not pairs:
         raise UserError("pairs", "none", 'two names and a law, as {("ball", "floor"): 0.3}')

@@ -63,7 +63,7 @@ _CAVEATS = ("MJX drops a pair's adhesion; in float32 set solimp to 0.9, where Mu
 
 
 class MjxEngine(DescribesContact, SharedModelEngine):
-    """MuJoCo in JAX, 3.17."""
+    """The engine MJX 3.17, MuJoCo in JAX."""
 
     name = "mjx"
     title = "MuJoCo MJX"
@@ -220,7 +220,8 @@ class MjxCopies(Copies):
 @lru_cache(maxsize=16)
 def _compiled(step_text: str, radius: float, bits: int, own: Any) -> tuple[Any, Any, Any]:
     """(place, run, read): compiled functions that put copies into states, take steps and record
-    them, or take steps and read impacts instead; made once for each law and precision.
+    them, or take steps and read impacts instead; made once for each law, radius, precision and
+    model of its own.
 
     step_text: lines that define `step(model, data)`. radius: of the ball, m. bits: 32 or 64.
     own: the MjModel that the lines of e(v) read; None of others.

@@ -9,18 +9,21 @@ import mujoco
 
 
 class MujocoBodies:
-    """With the best settings that are known."""
+    """An engine of `hcbench_cases`: MuJoCo with the best settings that are known."""
 
     name = "mujoco"
     version = mujoco.__version__
     combine = None
-    # With friction each row of a contact must act by itself, as one of low impedance does: else
-    # the friction, which is solved with the normal force, changes the restitution.
+    # Impedance, 0 ... 1, of the rows of a contact with friction. Each row must act by itself, as one
+    # of low impedance does: else the friction, which is solved with the normal force, changes the
+    # restitution. The damper is as much stronger, so e stays.
     impedance_beside_friction = 1e-4
 
     def contact(self, e: float, friction: float, h: float) -> str:
-        """Attributes of a <pair>, as text, with a restitution e and a friction coefficient. h: the
-        step, s.
+        """Attributes of a <pair>, as text, that make it bounce with a restitution e.
+
+        friction: the pair's coefficient. The text does not hold it: it only says whether there is
+        any, as then the impedance is `impedance_beside_friction`. h: the step, s.
         """
         if e == 0:
             # MuJoCo's default solref, which hardly bounces, and carries weights.
@@ -91,7 +94,7 @@ class MujocoBodies:
 
 
 class MujocoStock(MujocoBodies):
-    """With nothing chosen but the friction."""
+    """An engine of `hcbench_cases`: MuJoCo with nothing chosen but the friction."""
 
     name = "mujoco-stock"
 

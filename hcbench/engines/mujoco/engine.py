@@ -368,8 +368,10 @@ class MujocoEngine(
 
         source: a path, MJCF text or an MjSpec. requests: of the pairs. goal: e over speed. was: how
         the model stands as it is. rebuild: unused. version: of MuJoCo that has to load them; () for
-        any. Raises, as they are tried, SceneError for a model that does not compile and UserError
-        where a pair cannot be measured or no <pair> keeps its e.
+        any. Raises, at the call, UserError for several files; as the settings are tried, what
+        `tune_model.model_settings` raises: SceneError for a model that does not compile, UserError
+        where a pair cannot be measured, the model cannot be written or no <pair> keeps its e, and
+        SearchInterrupted with the best so far.
         """
         from hcbench.engines.mujoco.model.tune_model import model_settings
 
@@ -383,9 +385,9 @@ class MujocoEngine(
     ) -> Iterable[ContactFamily]:
         """Families of <pair> elements whose numbers differ from world to world.
 
-        source: a path, MJCF text or an MjSpec. requests: one a pair. rebuild: unused. Raises, as
-        they are made, SceneError for a model that does not compile and UserError where a pair
-        cannot be measured or no <pair> keeps its e.
+        source: a path, MJCF text or an MjSpec. requests: one a pair. rebuild: unused. Raises, at
+        the call, UserError for several files; as they are made, SceneError for a model that does
+        not compile and UserError where a pair cannot be measured or no <pair> keeps its e.
         """
         from hcbench.engines.mujoco.model.worlds import families
 

@@ -77,13 +77,13 @@ class WarpWorlds:
 
 
 class WarpBodies(WarpWorlds, Best):  # type: ignore[misc]
-    """With the best settings that are known."""
+    """An engine of `hcbench_cases`: MuJoCo Warp with the best settings that are known."""
 
     name = "mujoco-warp"
 
 
 class WarpStock(WarpWorlds, Stock):  # type: ignore[misc]
-    """With nothing chosen but the friction."""
+    """An engine of `hcbench_cases`: MuJoCo Warp with nothing chosen but the friction."""
 
     name = "mujoco-warp-stock"
 

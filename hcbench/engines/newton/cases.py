@@ -12,7 +12,10 @@ import warp
 
 
 class NewtonBodies:
-    """Bodies in one of Newton's solvers. gains: stiffness, m/h², and damping, m/h, by its name."""
+    """An engine of `hcbench_cases`: one of Newton's solvers.
+
+    gains: stiffness, m/h², and damping, m/h, by its name.
+    """
 
     version = newton.__version__
     # Of a contact, in m/h² and m/h: the damper of 1 stops a body in a step. SemiImplicit and
@@ -23,7 +26,11 @@ class NewtonBodies:
     def __init__(
         self, solver: str, combine: str | None, options: dict[str, Any], suffix: str = ""
     ) -> None:
-        """Choose a solver, how it joins two restitutions, its options, and what its name ends with."""
+        """Choose a solver, such as "VBD", and its options, keywords of its class.
+
+        combine: how it joins two restitutions, a key of `hcbench_cases.COMBINE`; None where it
+        cannot. suffix: the end of the engine's name.
+        """
         self.name = f"newton-{solver.lower()}{suffix}"
         self.combine = combine
         self.options = options
@@ -74,7 +81,8 @@ class NewtonBodies:
         builder.end_world()
 
     def _gains(self, world: dict[str, Any]) -> dict[str, float]:
-        """Stiffness and dampings of a contact, N/m and N s/m; empty for those of Newton.
+        """Keywords of Newton's ShapeConfig with the stiffness, N/m, and dampings, N s/m, of a contact;
+        empty for those of Newton.
 
         world: of a case. They are scaled so that they suit its lightest body, in steps of `self.h`.
         """

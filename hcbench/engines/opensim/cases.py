@@ -13,7 +13,7 @@ osim.Logger.removeFileSink()
 
 
 class OpensimBodies:
-    """With the best settings that are known."""
+    """An engine of `hcbench_cases`: OpenSim with the best settings that are known."""
 
     name = "opensim"
     version = version("opensim")
@@ -92,7 +92,7 @@ def body_state(body: Any, now: Any) -> list[float]:
 
 
 class OpensimStock(OpensimBodies):
-    """With nothing chosen."""
+    """An engine of `hcbench_cases`: OpenSim with nothing chosen."""
 
     name = "opensim-stock"
 

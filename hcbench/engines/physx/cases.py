@@ -12,7 +12,7 @@ import sapien  # type: ignore[import-not-found]
 
 
 class PhysxBodies:
-    """With the best settings that are known."""
+    """An engine of `hcbench_cases`: PhysX with the best settings that are known."""
 
     name = "physx"
     version = version("sapien")
@@ -92,7 +92,7 @@ class PhysxBodies:
 
 
 class PhysxStock(PhysxBodies):
-    """With nothing chosen but restitution and friction."""
+    """An engine of `hcbench_cases`: PhysX with nothing chosen but restitution and friction."""
 
     name = "physx-stock"
 

@@ -12,7 +12,7 @@ import pybullet
 
 
 class PybulletBodies:
-    """With the best settings that are known."""
+    """An engine of `hcbench_cases`: PyBullet with the best settings that are known."""
 
     name = "pybullet"
     version = version("pybullet")
@@ -98,7 +98,7 @@ class PybulletBodies:
 
 
 class PybulletStock(PybulletBodies):
-    """With nothing chosen but restitution and friction."""
+    """An engine of `hcbench_cases`: PyBullet with nothing chosen but restitution and friction."""
 
     name = "pybullet-stock"
     is_maximal = False

@@ -9,7 +9,7 @@ import rapier3d as rapier
 
 
 class RapierBodies:
-    """With the best settings that are known."""
+    """An engine of `hcbench_cases`: Rapier with the best settings that are known."""
 
     name = "rapier"
     version = version("rapier3d")
@@ -88,7 +88,7 @@ def _xyz(v: Any) -> tuple[float, float, float]:
 
 
 class RapierStock(RapierBodies):
-    """With nothing chosen but restitution and friction."""
+    """An engine of `hcbench_cases`: Rapier with nothing chosen but restitution and friction."""
 
     name = "rapier-stock"
 

@@ -195,7 +195,9 @@ class PairSearch(ReboundSearch[FootContact]):
     def drop(
         self, spring: FootContact | None, seconds: float, drops: Sequence[RobotDrop]
     ) -> DropTest:
-        """Drop the robot with the contact in its <pair> elements; None: the model as it is."""
+        """Drop the robot, `seconds` s each, with the contact in its <pair> elements; None: the model
+        as it is.
+        """
         if spring is None:
             return self._own.test(seconds, drops)
         set_contact(self._written.model, self.plain, self.geoms, spring)

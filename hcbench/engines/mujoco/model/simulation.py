@@ -179,10 +179,11 @@ class MujocoFlight:
 
     def _rows(self, steps: int, after: int | None) -> tuple[Floats, Floats | None]:
         """Take the steps of `advance`, and read each: (penetration m, rate m/s and force N, (3, n);
-        motion along the plate, (8, n), None but for oblique launches).
+        motion along the plate, (8, n), None but for oblique launches), all as of `Record`: the rate
+        is above 0 on approach.
 
-        steps: most to take. after: how many more once the two have parted; None: all. MuJoCo's
-        fatal errors pass. Under RK4 a step is read when the next one is known.
+        steps: most to take, 1 or more. after: how many more once the two have parted; None: all.
+        MuJoCo's fatal errors reach the caller. Under RK4 a step is read when the next one is known.
         """
         rows: list[_Step] = []
         while len(rows) < steps:

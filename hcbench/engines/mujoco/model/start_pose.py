@@ -36,8 +36,9 @@ def require_plausible_model(model: Any, label: str) -> None:
     label: the model's name in errors.
 
     Raises SceneError for masses, inertias, sizes and frictions that are below 0 or not finite and
-    for a step of 0 s, QuantityError for gravity in another unit of length and for steps, masses,
-    positions and sizes outside the bounds.
+    for a step below 0 s or of 0 s, QuantityError for gravity in another unit of length and for
+    steps, masses, positions and sizes outside the bounds. A half size of 0 m, by which a plane is
+    infinite, passes.
     """
     for kind, field in (
         ("body", "mass"),
@@ -46,7 +47,7 @@ def require_plausible_model(model: Any, label: str) -> None:
         ("geom", "friction"),
     ):
         values = getattr(model, f"{kind}_{field}")
-        bad = np.argwhere(~(np.isfinite(values) & ((values >= 0) | (field == "size"))))
+        bad = np.argwhere(~(np.isfinite(values) & (values >= 0)))
         if bad.size:
             number = int(bad[0][0])
             value = float(values[tuple(bad[0])])

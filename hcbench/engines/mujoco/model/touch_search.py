@@ -72,7 +72,7 @@ class TouchSearch:
         return contact
 
     def _go(self, travel: float) -> None:
-        """Put `data` so far along the motion, contacts and mass matrix included."""
+        """Put `data` so far, m, along the motion, contacts and mass matrix included."""
         model = self.pair.model
         mujoco = backend()
         self.data.qpos[:] = self.start

@@ -398,7 +398,8 @@ def texts_of(source: Any, made: Written, sections: Sequence[str], output: Output
 
     source: as the user gave it. made: the source with rows in it. sections: further XML sections of
     the model. output: where the model and the included file are to be written. The whole is the
-    user's own text with the lines at its end where that can be, else MuJoCo's text of the model.
+    user's own text with the lines, or an <include> of them, at its end where that can be; else
+    MuJoCo's text of the model, which holds the lines itself and includes no file.
     Raises UserError for a file that is not in UTF-8.
     """
     paste = "\n".join(filter(None, (made.lines, *sections)))

@@ -65,11 +65,11 @@ def bounces_in_rows(
     speeds: tuple[float, float],
     train: LongestTrain | None = None,
 ) -> Bounces:
-    """Bounces of drops from HEIGHTS, and of single impacts from a tenth of the band up to its top,
-    at many phases, in the model of the rows.
+    """Bounces of drops from HEIGHTS, and of single impacts from _SLOW times the band's lowest speed
+    up to its highest, at many phases, in the model of the rows.
 
     timestep: s. gravity: m/s²; without it, 0, the single impacts alone.
-    speeds: lowest and highest of the band, m/s; impacts go up to the speed of the highest drop,
+    speeds: lowest and highest of the band, m/s, above 0; impacts go up to the speed of the highest drop,
     too.
     train: the longest train of bounces that the target allows; None: none goes on.
     """

@@ -77,8 +77,9 @@ class Contact:
     def model(self, bodies: str, options: Stepping, pairs: Sequence[Pair]) -> Any:
         """A compiled model of a plane and these bodies, whose `pairs` have the contact.
 
-        bodies: <body> elements of MJCF. options: the plain model's; those of `option` win.
-        pairs: names of two geoms each; the plane's is "plate".
+        bodies: <body> elements of MJCF. options: the plain model's. The contact's `option` wins over
+        its cone and solver, and over `timestep`; the integrator of `options` and `gravity` win.
+        pairs: names of two geoms each; the plane's is "plate". Raises ValueError for wrong MJCF.
         """
         plain = {"timestep": repr(self.timestep), "cone": options.cone, "solver": options.solver}
         option = " ".join(f'{key}="{value}"' for key, value in {**plain, **self.option}.items())

@@ -329,8 +329,11 @@ def _inverse(mass_matrix: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class ContactRow:
-    """Response of two bodies to a unit force on the first at a contact,
-    and its opposite on the second; None for a body that cannot move.
+    """Responses of two bodies to a unit force at a contact.
+
+    bodies: of the contact. responses: of each, as `BulletBody.response` returns it, to the same
+    force, that on the first; the second feels its opposite, for which `acceleration` changes the
+    sign. None for a body that cannot move.
     """
 
     bodies: tuple[BulletBody, BulletBody]
@@ -370,7 +373,9 @@ def contact_row(
     """The row of two parts that touch, for forces along a direction.
 
     first, second: (body, link) each, link -1 the base. point: where they touch, m, in the world.
-    direction: unit vector, (3,), of the force on the first.
+    direction: unit vector, in the world, of the force on the first. The response of the second is
+    to the same direction, not to the opposite, which `ContactRow.acceleration` accounts for.
+    A response is None for a fixed body, and NaN where the axis of a joint is unknown.
     """
     one, one_link = first
     two, two_link = second

@@ -211,7 +211,10 @@ def _feet(
 def _drop(
     over_floor: OverFloor, drive: Callable[[], None], drop: RobotDrop, seconds: float
 ) -> Seen:
-    """Drop the robot once, in a world that may be changed. drive: called before each step."""
+    """Drop the robot once, in a world that may be changed.
+
+    drive: called before each step. seconds: of the drop, s.
+    """
     h, g = over_floor.h, over_floor.g
     sine = np.sin(drop.tilt / 2)
     turn = [*(sine * np.array(TILT_AXIS)).tolist(), float(np.cos(drop.tilt / 2))]

@@ -61,7 +61,7 @@ class LinkSearch(ReboundSearch[FootSpring]):
     def drop(
         self, spring: FootSpring | None, seconds: float, drops: Sequence[RobotDrop]
     ) -> DropTest:
-        """Drop the robot with the spring at its feet; None: with its own contacts."""
+        """Drop the robot, `seconds` s each, with the spring at its feet; None: with its own contacts."""
         if spring is None:
             return self._robot.test(seconds, drops)
         return self._robot.test_with(partial(apply_calls, calls=self.calls(spring)), seconds, drops)

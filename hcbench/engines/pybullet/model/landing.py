@@ -171,7 +171,8 @@ class _DropBench(OverFloor):
         """Force of the floors on the robot in the step just taken, N upwards: of the contacts'
         normal forces, as PyBullet tells no way of their friction.
 
-        time: since the first touch, s. Each link's force, slip and depth are added to `feet`.
+        time: since the first touch, s. feet: {number of a link: its log}, to which force, slip and
+        depth are added.
         """
         # (force N, depth m, speed towards the floor, speed along it) of each point, by link.
         parts: dict[int, list[tuple[float, float, float, float]]] = {}

@@ -192,7 +192,11 @@ def _type(bullet: BulletClient, link: _Link) -> str:
 
 
 def _joint(body: BulletBody, link: int) -> str:
-    """The way in which a link moves, in words: "its free base", "its joints (...)" or "nothing"."""
+    """Joints that let a link move, in words: "its free base", "its joints (...)" with the first six between
+    the base and it, or "nothing".
+
+    link: -1 the base. A base of mass 0 is fixed in Bullet.
+    """
     if body.mass > 0.0:
         return "its free base"
     names = []

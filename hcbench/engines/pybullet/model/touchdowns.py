@@ -179,7 +179,7 @@ def touchdowns(
 def _events(
     recording: _Recording, pair: tuple[BodyPart, BodyPart] | None
 ) -> dict[_Links, list[Touchdown]]:
-    """Touchdowns of every two links, in the order of time.
+    """{two links: their touchdowns in the order of time}.
 
     pair: the two that count; None: a link that moves, on a body that does not.
     The speeds are those of the state before, or of the first in contact, the faster of the two: a

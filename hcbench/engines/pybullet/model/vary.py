@@ -48,7 +48,12 @@ class VariedWorld(VariedContact):
         self._build = build
 
     def open(self, request: Request, values: Mapping[str, float]) -> PybulletModel:
-        """A new world whose pair has the products of `values`."""
+        """A new world in which the products of the pair's coefficients are `values`, each "restitution"
+        or "friction" -> product.
+
+        Raises what opening a model raises; UserError for bodies with maximal coordinates; SceneError
+        and QuantityError for coefficients that no contact has.
+        """
         model = PybulletModel(self._build(), self._build, request)
         try:
             for name, value in values.items():

@@ -82,8 +82,13 @@ def command(
 ) -> str:
     """The text of executePluginCommand that adds a law.
 
-    friction: a coefficient, or `Friction` for a force law; None for the product of the bodies' own.
-    cup: (radius, x, y, z) of the spherical cup that the first body lies in, m.
+    friction: a coefficient, or `Friction`, of which a law that sets e takes the dynamic coefficient
+    alone; None for the product of the bodies' own.
+    cup: (radius, x, y, z), m, of the spherical cup that the first body, a sphere, lies in: its
+    centre is in the frame of the second body's centre of mass.
+
+    Raises UserError for an argument of another type, SettingError for what is not a contact law.
+    Numbers out of range and a cup of another length are refused by the plug-in.
     """
     require_law(law)
     keys: dict[str, Any]
@@ -124,11 +129,8 @@ def add(
 
     first, second: a body, whose base is meant, or (body, link) with the link's number or name; -2
     means any.
-    friction: a coefficient, or `Friction` for a force law; the product of the bodies' own where
-    not given.
-    cup: (radius, x, y, z) of the spherical cup that the first body, a sphere, lies in: its centre
-    in the
-        frame of the second body's centre of mass, m: a mesh would be less exact.
+    friction: as of `command`; the product of the bodies' own where not given.
+    cup: as of `command`; a mesh would be less exact.
     speed: largest approach speed expected, m/s: a step too coarse for a force law there is refused.
 
     A force law takes the place of Bullet's own contact of the pair. resetSimulation ends all laws.

@@ -370,8 +370,8 @@ def _set_up(
 ) -> tuple[int, int]:
     """Empty the world, load ball and plate, set the options, and return the two ids.
 
-    Raises SceneError where the URDFs are missing or not as the scene says, SettingError for links
-    in a cup.
+    timestep: s. Raises SceneError where the URDFs are missing or not as the scene says,
+    SettingError for links in a cup.
     """
     bullet.resetSimulation()
     bullet.setPhysicsEngineParameter(
