@@ -120,6 +120,29 @@ def test_the_plug_in_passes_the_whole_gate_too() -> None:
     assert judge.with_law(SCENE, made("impulse"), alone) is alone
 
 
+@pytest.mark.skipif(judge._library() is None, reason="no C compiler")
+@pytest.mark.parametrize(
+    ("recipe", "off"),
+    [
+        ("spring-damper", 0.0),
+        ("compliant", 0.0),
+        # NumPy's power is not the C library's on every processor: slow bounces amplify its last bit.
+        pytest.param("compliant-pairs", 1e-6, marks=pytest.mark.adhesion),
+    ],
+)
+def test_drops_in_c_are_those_in_numpy(recipe: str, off: float) -> None:
+    rows = read_options(made(recipe).options).all_rows
+    drops = judge._Drops(rows, STEP, G)
+    v = np.repeat(np.geomspace(0.003, 2.0, 6), 4)
+    starts = drops.touching(v, np.tile([0.1, 0.4, 0.6, 0.9], 6)), drops.from_rest(v**2 / (2.0 * G))
+    for states, is_single in zip(starts, (True, False), strict=True):
+        max_e, gains_below, rebounds = drops.run(states.copy(), is_single)
+        expected = drops._run_by_arrays(states.copy(), is_single)
+        assert max_e == pytest.approx(expected[0], rel=off, abs=0.0)
+        assert gains_below == pytest.approx(expected[1], rel=off, abs=0.0)
+        assert rebounds == pytest.approx(expected[2], rel=off, abs=0.0)
+
+
 def test_a_spring_that_throws_a_ball_up_is_named() -> None:
     screen = screened(SCENE, made("spring-damper"), BAND)
     assert screen is not None
