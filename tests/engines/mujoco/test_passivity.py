@@ -104,7 +104,7 @@ def test_the_whole_gate_passes_what_the_screen_passes_under_friction() -> None:
     )
     assert gate.sphere, gate.warning
     assert gate.slope_drift < 1e-4
-    assert gate.flat == screen.flat
+    assert gate.flat == judge.with_boxes(SCENE, setting, screen).flat
     assert {finding.under for finding in gate.findings} == {"implicitfast, elliptic, Newton"}
     assert {str(run) for run in runs} >= {"Euler, elliptic, PGS", "implicit, elliptic, Newton"}
 
@@ -116,7 +116,7 @@ def test_the_plug_in_passes_the_whole_gate_too() -> None:
     assert gate.flat, [finding for finding in gate.findings if not finding.passed]
     assert gate.bounces.max_e < 1.0
     alone = Passivity(gate.bounces)
-    assert judge.with_law(SCENE, made("restitution-law"), alone).flat
+    assert judge.with_boxes(SCENE, made("restitution-law"), alone).flat
     assert judge.with_law(SCENE, made("impulse"), alone) is alone
 
 

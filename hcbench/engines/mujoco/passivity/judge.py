@@ -378,8 +378,8 @@ _CONES = ("elliptic", "pyramidal")
 def screened(
     scene: Scene, setting: Setting, speeds: tuple[float, float], train: LongestTrain | None = None
 ) -> Passivity | None:
-    """Test a setting for energy in the model of its rows, and boxes in
-    plain MuJoCo: a screen of about a second.
+    """Test a setting for energy in the model of its rows, and what slides in plain MuJoCo: a screen
+    of about a tenth of a second.
 
     speeds: lowest and highest of the band, m/s.
     train: the longest train of bounces that the target allows; None: none.
@@ -387,15 +387,11 @@ def screened(
     None for a setting without rows, in a cup, or under RK4 or discrete, which the model of rows
     does not step. Raises SettingError for an option that MuJoCo does not have.
     """
-    options = read_options(setting.options)
-    if (
-        not options.rows
-        or scene.form != "plane"
-        or (options.integrator or "Euler") not in _LIKE_EULER
-    ):
+    if not _is_screened(scene, setting):
         return None
+    options = read_options(setting.options)
     bounces = bounces_in_rows(options.all_rows, setting.timestep, scene.gravity, speeds, train)
-    passivity = _with_bodies(scene, setting, Passivity(bounces))
+    passivity = _with_sliding(scene, setting, Passivity(bounces))
     if not scene.gravity:
         return passivity
     contact, runs = tried(scene, setting)
@@ -409,30 +405,50 @@ def screened(
 
 
 def with_law(scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
-    """The passivity of a setting, with other bodies under its restitution law; as it is for other
+    """The passivity of a setting, with what slides under its restitution law; as it is for other
     laws.
     """
     if not _is_restitution_law(scene, setting):
         return passivity
-    return _with_bodies(scene, setting, passivity)
+    return _with_sliding(scene, setting, passivity)
 
 
-def _with_bodies(scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
-    """The passivity with more findings, in plain MuJoCo: of boxes that fall under the scene's
-    gravity, and with friction of what slides, spins and rolls.
+def _with_sliding(scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
+    """The passivity with findings of a ball that slides, spins and rolls, in plain MuJoCo; as it is
+    without friction.
     """
+    if not scene.friction:
+        return passivity
+    contact, runs = tried(scene, setting)
+    # A plug-in warns of bodies that turn far in a step: these are ours, and judged.
+    with captured_warnings():
+        return replace(passivity, sliding=tuple(ball_slides(contact, runs[0])))
+
+
+def with_boxes(scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
+    """The passivity with findings of boxes and a capsule, in plain MuJoCo: of boxes that fall under
+    the scene's gravity, and with friction of what slides and spins.
+
+    As it is for a setting that `screened` does not test, unless it has a restitution law.
+    """
+    if not (_is_screened(scene, setting) or _is_restitution_law(scene, setting)):
+        return passivity
     contact, runs = tried(scene, setting)
     flat: list[Finding] = []
-    sliding: list[Finding] = []
-    # A plug-in warns of bodies that turn far in a step: these are ours, and judged.
     with captured_warnings():
         if scene.gravity:
             flat += boxes(contact, runs[0])
         if scene.friction:
-            sliding = ball_slides(contact, runs[0])
             flat += boxes_slide(contact, runs[0])
     is_flat = all(finding.passed for finding in flat) if flat else None
-    return replace(passivity, flat=is_flat, boxes=tuple(flat), sliding=tuple(sliding))
+    return replace(passivity, flat=is_flat, boxes=tuple(flat))
+
+
+def _is_screened(scene: Scene, setting: Setting) -> bool:
+    """Say whether the model of rows steps a setting: it has rows, on a plane, as Euler steps."""
+    options = read_options(setting.options)
+    is_like_euler = (options.integrator or "Euler") in _LIKE_EULER
+    return bool(options.rows) and scene.form == "plane" and is_like_euler
 
 
 def _is_restitution_law(scene: Scene, setting: Setting) -> bool:
