@@ -12,7 +12,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from hcbench.engines.mujoco.passivity import judge
+from hcbench.engines.mujoco.model import simulation
+from hcbench.engines.mujoco.passivity import judge, plain
 from hcbench.engines.mujoco.passivity.judge import bounces_in_rows, screened
 from hcbench.engines.mujoco.passivity.plain import certify
 from hcbench.engines.mujoco.scene.mjcf import read_options
@@ -141,6 +142,22 @@ def test_drops_in_c_are_those_in_numpy(recipe: str, off: float) -> None:
         assert max_e == pytest.approx(expected[0], rel=off, abs=0.0)
         assert gains_below == pytest.approx(expected[1], rel=off, abs=0.0)
         assert rebounds == pytest.approx(expected[2], rel=off, abs=0.0)
+
+
+@pytest.mark.skipif(simulation._library() is None, reason="no C compiler")
+def test_a_body_takes_the_same_steps_in_c_as_in_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    contact, runs = judge.tried(replace(SCENE, friction=0.5), made("compliant", 0.5))
+    model = contact.with_boxes(runs[0])
+    paths = []
+    for library in (simulation._library(), None):
+        monkeypatch.setattr(simulation, "_library", lambda library=library: library)
+        data = mujoco.MjData(model)
+        data.qpos[2] += 0.01
+        data.qvel[:] = 0.3, 0.0, -0.5, 0.0, 2.0, 1.0
+        paths.append(plain._stepped(model, data, 300))
+    for in_c, in_python in zip(*paths, strict=True):
+        np.testing.assert_array_equal(in_c, in_python)
+    assert set(paths[0][0]) > {0}
 
 
 def test_a_spring_that_throws_a_ball_up_is_named() -> None:
