@@ -161,7 +161,7 @@ class _Drops:
         return max_e, gains_below, rebounds
 
     def _run_by_arrays(self, states: Floats, is_single: bool) -> tuple[float, float, Floats]:
-        """What `run` does, without the library: a step of all drops after the other."""
+        """Simulate as `run`, without the library: a step of all drops after the other."""
         count = states.shape[1]
         max_e = 0.0
         gains_below = 0.0
@@ -240,7 +240,7 @@ class _Goal(ctypes.Structure):
 
     @classmethod
     def of(cls, h: float, g: float, rows: int, is_single: bool) -> _Goal:
-        """How drops go under a time step of h s and gravity of g m/s², in so many rows."""
+        """The numbers of drops under a time step of h s and gravity of g m/s², in so many rows."""
         return cls(
             h=h,
             g=g,
