@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 the hcbench authors
 # SPDX-License-Identifier: Apache-2.0
-"""Bounces that a physics engine should get right: runs them, judges the states, writes JUnit.
+"""Bounces that a physics engine should get right: runs, judges, writes JUnit.
 
 One file without dependencies, for an engine's own tests:
 
@@ -11,8 +11,8 @@ engine. It has `name`, `version`, and `combine`: how the restitutions of two bod
 ("product", "average", "maximum", "minimum", "geometric", or None without a rule). It has
 `make(world)`, `step()`, and `state()`, the list of [x, y, z, vx, vy, vz, wx, wy, wz] of each body
 that moves, in SI units and the world's frame. `make` raises NotImplementedError for what the engine
-cannot do. An engine of many worlds also has `start()`: `make` adds a world, `start` starts all that
-were added since, of as many steps of one length and the same shapes, and `state` lists those of each.
+cannot do. An engine of many worlds also has `start()`: `make` adds a world, `start` starts those
+added since, which are alike in steps and shapes, and `state` lists the bodies of each.
 """
 
 from __future__ import annotations
@@ -38,16 +38,14 @@ Json = dict[str, Any]
 States = list[list[Any]]  # of each recorded step [step, state of a body, ...]
 CASES = Path(__file__).resolve().with_name("hcbench-cases-1.json")
 LIMIT = 300.0  # s a case
-# Places in the state of a body.
-_Z = 2
-_VZ = 5
+_Z, _VZ = 2, 5  # places in the state of a body
 COMBINE: dict[str, Callable[[list[float]], float]] = {
     "product": math.prod, "average": fmean, "geometric": geometric_mean, "maximum": max, "minimum": min
 }  # fmt: skip
 
 
 def load(path: Path) -> Json:
-    """The cases of a file, each run with what it shares with the others of its case."""
+    """The cases of a file, each run with what its case shares."""
     cases: Json = json.loads(path.read_text("utf-8"))
     for case in cases["cases"]:
         for each in case["runs"]:
@@ -68,14 +66,14 @@ def run(engine: Any, cases: Json) -> Json:
 def _run_case(engine: Any, runs: list[Json]) -> list[Json]:
     """Results: {"states": ...}, {"unsupported": why} or {"error": why}."""
     batches: dict[str, list[tuple[Json, Json]]] = {}  # runs, each with its result
-    results = []
+    results: list[Json] = []
     for number, each in enumerate(runs):
         world = each["world"]
         shapes = [(body["shape"], body.get("fixed")) for body in world["bodies"]]
-        alike = str((each["record"][-1][-1], world["timestep"], world["floor"], shapes))
-        # An engine that steps one world at a time has each run in a batch of its own.
-        key = alike if hasattr(engine, "start") else str(number)
-        results.append(Json())
+        key = str((each["record"][-1][-1], world["timestep"], world["floor"], shapes))
+        if not hasattr(engine, "start"):
+            key = str(number)  # one world at a time
+        results.append({})
         batches.setdefault(key, []).append((each, results[-1]))
     for batch in batches.values():
         try:
@@ -96,7 +94,7 @@ def _with_place(error: Exception) -> str:
 
 
 def _run_batch(engine: Any, batch: list[tuple[Json, Json]]) -> None:
-    """Step the worlds that the engine can make; add the states that are asked for to the results."""
+    """Step the worlds that the engine can make; add their states to the results."""
     made = []
     for each, result in batch:
         try:
@@ -125,30 +123,30 @@ def _run_batch(engine: Any, batch: list[tuple[Json, Json]]) -> None:
 
 
 def restitution(each: Json, states: States) -> float:
-    """Speed after over speed before, both where the flights meet; 0 where nothing comes back.
+    """Speed after over speed before, both where the flights meet; 0 if nothing comes back.
 
-    The flight before is the launch's: an engine that acts before the touch leaves none to read.
+    The flight before is the launch's: one that acts before the touch leaves none to read.
     """
-    timestep = each["world"]["timestep"]
+    h = each["world"]["timestep"]
     *_, gravity_z = each["world"]["gravity"]
     ball, *_ = each["world"]["bodies"]
     z = {step: body[_Z] for step, body, *_ in states}
-    rising = _free_rise(z, gravity_z * timestep**2, ball["radius"])
+    rising = _free_rise(z, gravity_z * h**2, ball["radius"])
     if not rising:
         return 0.0
     last = rising[-1]
-    up = (z[last + 1] - z[last - 1]) / (2 * timestep)
-    # The first step moves a ball by its velocity before gravity's share (explicit Euler), after
-    # half of it (exact), or after all of it.
-    velocity, gain = ball["velocity"][_Z], gravity_z * timestep
-    first = (z[1] - z[0]) / timestep - velocity
+    up = (z[last + 1] - z[last - 1]) / (2 * h)
+    # The first step moves a ball by its velocity without gravity's share (explicit Euler), with
+    # half of it (exact), or with all.
+    velocity, gain = ball["velocity"][_Z], gravity_z * h
+    first = (z[1] - z[0]) / h - velocity
     share = min((0.0, 0.5, 1.0), key=lambda share: abs(first - share * gain))
     down = velocity + (share - 0.5) * gain
     # Both parabolas bend alike and meet once: where a short impact was.
-    fall = gravity_z * last * timestep  # velocity, m/s
-    since = (z[last] - z[0] - (down + fall / 2) * last * timestep) / (down + fall - up)
+    fall = gain * last  # velocity, m/s
+    since = (z[last] - z[0] - (down + fall / 2) * last * h) / (down + fall - up)
     plane = ball["radius"]
-    if last + since / timestep > rising[0] - 3:
+    if last + since / h > rising[0] - 3:
         plane = z[last] + (up + gravity_z * since / 2) * since
     after = up**2 - 2 * gravity_z * (z[last] - plane)
     before = down**2 - 2 * gravity_z * (z[0] - plane)
@@ -156,9 +154,9 @@ def restitution(each: Json, states: States) -> float:
 
 
 def _free_rise(z: dict[int, float], fall: float, touch: float) -> list[int]:
-    """Steps after the contact on which a ball first rises, by its heights, m.
+    """Steps after the contact on which a ball first rises; none of one that rests or hovers.
 
-    fall: second difference of heights in free flight, m; a ball that rests or hovers has none.
+    z: heights. fall: their second difference in free flight.
     """
     free: list[int] = []
     is_up = False
@@ -166,8 +164,9 @@ def _free_rise(z: dict[int, float], fall: float, touch: float) -> list[int]:
         if step - 1 not in z or step + 1 not in z:
             continue
         if z[step + 1] <= z[step - 1]:
-            if is_up:
+            if is_up and fall:
                 break
+            free.clear()  # without gravity only a contact ends a rise
             continue
         is_up = True
         bend = z[step + 1] - 2 * height + z[step - 1]
@@ -186,7 +185,7 @@ def height_share(each: Json, states: States) -> float:
 
 
 def drift(each: Json, states: States) -> float:
-    """Distance over time of the body that moved farthest, m/s."""
+    """Mean speed of the body that moved farthest, m/s."""
     last = _last(each, states)
     start, *before = last[0]
     end, *after = last[-1]
@@ -209,7 +208,7 @@ def force_noise(each: Json, states: States) -> float:
 
 
 def depth(each: Json, states: States) -> float:
-    """Final depth of the first body, a box, in the floor, over its height."""
+    """Final depth of a box in the floor over its height."""
     half_height = each["world"]["bodies"][0]["half"][_Z]
     return float(0.5 - states[-1][1][_Z] / (2 * half_height))
 
@@ -261,15 +260,14 @@ QUANTITIES: dict[str, Callable[[Json, States], Any]] = {
 def judge(results: Json, cases: Json) -> list[Json]:
     """A verdict on each case: {case, title, verdict, why, worst}.
 
-    verdict: "pass", "fail", "unsupported" or "error". worst: by quantity [measured, true, number of
-    the run that is farthest off].
+    verdict: "pass", "fail", "unsupported" or "error". worst: [measured, true, run] by quantity.
     """
     done, combine = results["runs"], results["engine"]["combine"]
     return [_judge(case, done.get(case["id"], []), combine) for case in cases["cases"]]
 
 
 def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
-    """The verdict on one case. done: the results of its runs, in order."""
+    """The verdict on a case. done: the results of its runs."""
     worst: Json = {}
     off: dict[str, float] = {}  # largest error, by quantity
     word, why = "pass", ""
@@ -278,8 +276,7 @@ def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
             if "states" not in result:
                 ((word, why),) = result.items()  # "unsupported" or "error"
                 break
-            numbers = (x for _, *bodies in result["states"] for body in bodies for x in body)
-            if not all(map(math.isfinite, numbers)):
+            if not all(math.isfinite(x) for _, *s in result["states"] for b in s for x in b):
                 word, why = "fail", f"a state is not finite (run {number})"
                 break
             for name, measured, true in _compared(each, result["states"], combine):
@@ -298,8 +295,8 @@ def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
             missed.append(f"{name} {measured:.4g}, not {true:.4g} within {limit:g} (run {number})")
     if word == "pass" and missed:
         word, why = "fail", "; ".join(missed)
-    about = {"case": case["id"], "title": case["title"], "verdict": word, "why": str(why)}
-    return {**about, "worst": worst}
+    about = {"case": case["id"], "title": case["title"]}
+    return {**about, "verdict": word, "why": str(why), "worst": worst}
 
 
 def _compared(
@@ -319,7 +316,7 @@ def _compared(
 
 
 def outcome(verdict: Json, expected: Json) -> tuple[str, str]:
-    """("passed", "failure" or "skipped", in words). expected: {case: reason}."""
+    """("passed", "failure" or "skipped", why)."""
     known = expected.get(verdict["case"])
     if verdict["verdict"] == "pass":
         if known:
@@ -349,49 +346,93 @@ def _start(arguments: list[str]) -> Any:
 def run_apart(
     adapter: Path, variant: int, cases: Json, start: Any = _start, limit: float = LIMIT
 ) -> Json:
-    """Results of an engine, from a process of its own.
+    """Results of an engine in a process of its own, up to the first case that ends it.
 
-    One that ends early, or takes longer than `limit` s for a case, costs this case; another goes
-    on. start: runs Python with arguments. Raises RuntimeError where the adapter makes no engine.
+    That case, or one of more than `limit` s, has errors; those after it are left out.
+    start: runs Python with arguments. Raises RuntimeError where the adapter makes no engine.
     """
-    results: Json = {}
-    runs: Json = {}
-    cpu_s = 0.0
     with tempfile.TemporaryDirectory() as folder:
         lines, asked = Path(folder) / "lines", Path(folder) / "cases.json"
-        while left := [case for case in cases["cases"] if case["id"] not in runs]:
-            lines.write_text("", "utf-8")
-            asked.write_text(json.dumps({**cases, "cases": left}), "utf-8")
-            own = [str(adapter), str(variant), str(lines)]
-            done = start([__file__, *own, f"--cases={asked}", f"--limit={limit}"])
-            for line in lines.read_text("utf-8").splitlines():
-                results = json.loads(line)
-                runs |= results["runs"]
-                cpu_s += results["cpu_s"]
-            said = done.stderr.strip()
-            why = f"ended with {done.returncode}: {' '.join(said.split())[-200:]}"
-            if "Timeout (" in said:  # of faulthandler
-                why = f"took longer than --limit, {limit:g} s"
-            if not results:
-                raise RuntimeError(said if done.returncode == 3 else f"{adapter} {why}")
-            for case in left:
-                if case["id"] not in runs:
-                    runs[case["id"]] = [{"error": why}] * len(case["runs"])
-                    break
-    return {**results, "cpu_s": round(cpu_s, 3), "runs": runs}
+        lines.touch()
+        asked.write_text(json.dumps(cases), "utf-8")
+        own = map(str, (adapter, variant, lines))
+        done = start([__file__, *own, f"--cases={asked}", f"--limit={limit}"])
+        parts = [json.loads(line) for line in lines.read_text("utf-8").splitlines()]
+    said = done.stderr.strip()
+    why = f"ended with {done.returncode}: {' '.join(said.split())[-200:]}"
+    if "Timeout (" in said:  # of faulthandler
+        why = f"took longer than --limit, {limit:g} s"
+    if not parts:
+        raise RuntimeError(said if done.returncode == 3 else f"{adapter} {why}")
+    results: Json = joined(parts)
+    for case in cases["cases"]:
+        if case["id"] not in results["runs"]:
+            results["runs"][case["id"]] = [{"error": why}] * len(case["runs"])
+            break
+    return results
+
+
+def joined(parts: list[Json]) -> Json:
+    """Results of cases of one engine, in one."""
+    runs: Json = {}
+    for part in parts:
+        runs |= part["runs"]
+    return {**parts[0], "cpu_s": round(sum(part["cpu_s"] for part in parts), 3), "runs": runs}
+
+
+def _work(asked: Any, cases: Json) -> int:
+    """Run the cases in an engine; write results before them and after each."""
+    faulthandler.dump_traceback_later(asked.limit, exit=True)
+    variant, lines = asked.own
+    engine = runpy.run_path(str(asked.adapter))["ENGINES"][int(variant)]()
+    with Path(lines).open("a", encoding="utf-8") as file:
+        for part in ([], *([case] for case in cases["cases"])):
+            faulthandler.dump_traceback_later(asked.limit, exit=True)
+            print(json.dumps(run(engine, {**cases, "cases": part})), file=file, flush=True)
+    return 0
+
+
+def _run_every(asked: Any, cases: Json, known: Json) -> int:
+    """Run each case of each engine in a process; write the files after it."""
+    failures = 0
+    done: list[list[Json]] = []  # of each engine the results of its cases
+    suites: list[str] = []
+    for variant in range(len(runpy.run_path(str(asked.adapter))["ENGINES"])):
+        done.append([])
+        suites.append("")
+        verdicts: list[Json] = []
+        said: dict[str, str] = {}  # the case that first said an error
+        for case in cases["cases"]:
+            alone = {**cases, "cases": [case]}
+            results = run_apart(asked.adapter, variant, alone, limit=asked.limit)
+            done[-1].append(results)
+            verdicts += judge(results, alone)
+            name, number = results["engine"]["name"], case["id"]
+            expected = known.get(name, {})
+            kind, text = outcome(verdicts[-1], expected)
+            failures += kind == "failure"
+            if text[:5] == "error" and said.setdefault(text, number) != number:
+                text = f"error: as in {said[text]}"
+            print(f"{name} {number} {kind}  {case['title']}  {text}", file=sys.stderr)
+            suites[-1] = junit(verdicts, name, expected)
+            if asked.out:
+                asked.out.write_text(json.dumps([*map(joined, done)]) + "\n", "utf-8")
+            if asked.junit:
+                xml = f"<testsuites>{''.join(suites)}</testsuites>\n"
+                asked.junit.write_text(xml, "utf-8")
+    return 1 if failures else 0
 
 
 def main() -> int:
-    """Exit 1 where a case fails that is not expected to, or passes that is.
-
-    Exit 2 for a file that cannot be read, 3 where an adapter makes no engine.
+    """Exit 1 where a case fails that is not expected to, or passes that is; 2 for a file that
+    cannot be read, 3 where an adapter makes no engine.
     """
     parser = argparse.ArgumentParser(description="Run bounce cases in an engine.")
     parser.add_argument("adapter", type=Path, help="file with a list ENGINES")
     parser.add_argument("--cases", type=Path, default=CASES)
     parser.add_argument("--expected", type=Path, help="JSON {engine: {case: reason}}")
     parser.add_argument("--out", type=Path, help="file for the results")
-    parser.add_argument("--junit", type=Path, help="file for JUnit's XML")
+    parser.add_argument("--junit", type=Path, help="file for JUnit")
     parser.add_argument("--limit", type=float, default=LIMIT, help="seconds for a case")
     parser.add_argument("own", nargs="*", help=argparse.SUPPRESS)  # of its processes
     asked = parser.parse_args()
@@ -401,42 +442,11 @@ def main() -> int:
         asked.adapter.read_bytes()
     except (OSError, ValueError) as error:
         parser.error(str(error))
-    failures = 0
-    done = []
-    suites = ""
     try:
-        if asked.own:
-            faulthandler.dump_traceback_later(asked.limit, exit=True)
-        makers = runpy.run_path(str(asked.adapter))["ENGINES"]
-        if asked.own:
-            variant, lines = asked.own
-            engine = makers[int(variant)]()
-            with Path(lines).open("a", encoding="utf-8") as file:
-                for part in ([], *([case] for case in cases["cases"])):
-                    faulthandler.dump_traceback_later(asked.limit, exit=True)
-                    print(json.dumps(run(engine, {**cases, "cases": part})), file=file, flush=True)
-            return 0
-        for variant in range(len(makers)):
-            done.append(run_apart(asked.adapter, variant, cases, limit=asked.limit))
-            verdicts = judge(done[-1], cases)
-            name = done[-1]["engine"]["name"]
-            said: dict[str, str] = {}  # the case that first said an error
-            for verdict in verdicts:
-                case = verdict["case"]
-                kind, text = outcome(verdict, known.get(name, {}))
-                failures += kind == "failure"
-                if text.startswith("error") and said.setdefault(text, case) != case:
-                    text = f"error: as in {said[text]}"
-                print(f"{name} {case} {kind}  {verdict['title']}  {text}", file=sys.stderr)
-            suites += junit(verdicts, name, known.get(name, {}))
-            if asked.out:
-                asked.out.write_text(json.dumps(done, separators=(",", ":")) + "\n", "utf-8")
-            if asked.junit:
-                asked.junit.write_text(f"<testsuites>{suites}</testsuites>\n", "utf-8")
+        return _work(asked, cases) if asked.own else _run_every(asked, cases, known)
     except Exception as error:
         print(error if type(error) is RuntimeError else _with_place(error), file=sys.stderr)
         return 3
-    return 1 if failures else 0
 
 
 if __name__ == "__main__":

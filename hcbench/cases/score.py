@@ -16,7 +16,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hcbench.cases.hcbench_cases import CASES, LIMIT, Json, judge, load, restitution, run_apart
+from hcbench.cases.hcbench_cases import (
+    CASES,
+    LIMIT,
+    Json,
+    joined,
+    judge,
+    load,
+    restitution,
+    run_apart,
+)
 from hcbench.cases.schema import Obedience, Rebound, validated
 from hcbench.environments import run_with_parent
 from hcbench.sim import registry
@@ -204,15 +213,20 @@ def measured() -> list[EngineScore]:
     return scores
 
 
+def newest(scores: Sequence[EngineScore]) -> list[EngineScore]:
+    """The scores of the newest version of each engine, where the versions are in their order."""
+    return list({each.engine: each for each in scores}.values())
+
+
 def matrix(scores: Sequence[EngineScore] | None = None) -> list[dict[str, str]]:
     """A row of words for each engine: name, version, a verdict by the id of each case, how many
     passed.
 
-    scores: those of `measured` where None. "restitution" and "gravity" of a row are those of
-    EngineScore, or "".
+    scores: those of `measured`, in the newest version of each engine, where None. "restitution" and
+    "gravity" of a row are those of EngineScore, or "".
     """
     if scores is None:
-        scores = measured()
+        scores = newest(measured())
     rows = []
     for each in scores:
         row = {"engine": each.engine, "version": each.version}
@@ -435,8 +449,14 @@ def _run(cases: Json, limit: float, name: str, adapter: Path, variant: int) -> J
         def start(arguments: list[str]) -> subprocess.CompletedProcess[str]:
             return run_with_parent([str(python), *arguments], Path(folder), os.environ)
 
+        parts: list[Json] = []
+        left = cases["cases"]
         try:
-            return run_apart(adapter, variant, cases, start, limit)
+            # Another process goes on behind a case that ended one.
+            while left:
+                parts.append(run_apart(adapter, variant, {**cases, "cases": left}, start, limit))
+                left = [case for case in left if case["id"] not in parts[-1]["runs"]]
         except RuntimeError as error:
             reason = str(error).splitlines()[-1]
             raise EngineFailed(f"engine {name!r}", reason, "results of its cases") from None
+    return joined(parts)

@@ -49,7 +49,7 @@ def tune_model(
     elif landing is not None and landing.rebound is not None:
         print_landing(tuned, landing)
         if tuned.gains:
-            show(f"\nnext:\n  hcbench land {_model(written, models)}")
+            show(f"\nnext:\n  hcbench land {_tested(tuned, written, models)}")
     else:
         for name, line in of_material.items():
             show(f"{name}: {line}")
@@ -312,6 +312,8 @@ def _table(tuned: TunedModel) -> list[str]:
 
 # The landing of a robot before and after.
 
+# The output names the chance in a rebound that varies over the phases by more of itself.
+_WIDE = 0.25
 _DROPS = "drops of 2, 5 and 10 cm at 4 phases of the step, flat and tilted by 5 degrees"
 
 
@@ -363,10 +365,23 @@ def _number(value: float) -> str:
 
 def landing_sentences(change: LandingChange) -> list[str]:
     """Sentences on a landing: what it was, what is worse, and what would help."""
+    from hcbench.sim.landing import DROPS
+
     before = change.before
     sentences = [f"The worst of 24 drops: {_DROPS}."]
-    if before.fell:
+    if before.falls:
         sentences = ["The robot falls over by itself: hcbench compares the first second only."]
+    elif 0 < before.settled < len(DROPS):
+        sentences.append(
+            f"Rest, penetration at rest, travel, creep, vibration and late flights are those of "
+            f"{before.settled} of them, which last {before.seconds:.0f} s."
+        )
+    after = change.after
+    if change.rebound and after.spread > _WIDE * after.rebound:
+        sentences.append(
+            f"The rebound varies by {1e3 * after.spread:.2g} mm with where in a step the contact "
+            "starts (chance): a smaller step narrows it."
+        )
     if change.rebound is not None and change.is_met and change.after is before:
         sentences.append("The model as it is has this rebound already: there is nothing to paste.")
     if change.worse:

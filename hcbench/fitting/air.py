@@ -14,7 +14,7 @@ import numpy as np
 
 from hcbench.fitting.estimate import alpha_of, fit_law
 from hcbench.fitting.setup import Known
-from hcbench.fitting.which_law import LAWS, ODDS_TO_TELL, PLAIN, WITH_E0
+from hcbench.fitting.which_law import LAWS, ODDS_TO_TELL, PLAIN, WITH_E0, laws_left
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -30,8 +30,10 @@ _HALVINGS = 3
 _DIAMETER = 40e-3
 # ln of the prior odds of such a ball against one that is heavy for its size.
 _LIGHT = math.log(0.1)
-# s/m: the air of a table tennis ball changes α by 0.006 to 0.009, a tenth of this.
-_MOST_ALPHA = 0.09
+# s/m: the air of a table tennis ball adds 0.006 to 0.014 to α. A constant e in air seems no larger α
+# than the first; of a larger α than the second, the air is less than 5 % where touches are timed.
+_MOST_OF_CONSTANT = 0.09
+_MOST_ALPHA = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,10 +41,12 @@ class AirRivals:
     """Fits in air that the data leave beside the law's in a vacuum.
 
     constant: a constant e in air, the likeliest; None where the data rule it out.
+    law: the likeliest law with α in air; None where the data rule it out.
     share: α in air over α in a vacuum, the least that is left; 1 where none is.
     """
 
     constant: LawFit | None = None
+    law: LawFit | None = None
     share: float = 1.0
 
 
@@ -55,11 +59,13 @@ def rivals_in_air(
     ball, for single impacts, or a large α.
 
     fits: of all laws, in a vacuum. widths: per data set (m,), of each e's scatter over s_e.
+    Beside a constant e in a vacuum, the one in air is the only rival: it is another e.
     """
     if not all(s.needs_gravity for s in sets) or sets[0].setup.has_air:
         return AirRivals()
+    is_constant = "constant" in laws_left({name: fit.log_evidence for name, fit in fits.items()})
     alpha = alpha_of(fits[PLAIN], fits[WITH_E0]).value
-    if not 0.0 < alpha < _MOST_ALPHA:
+    if not is_constant and not 0.0 < alpha < _MOST_ALPHA:
         return AirRivals()
     reference = fits[PLAIN].reference
     # ln of the evidence from which a fit in air is not ruled out.
@@ -69,16 +75,21 @@ def rivals_in_air(
         ball = replace(sets[0].setup, mass=Known(mass), diameter=Known(_DIAMETER))
         return fit_law(LAWS[law], [s.with_setup(ball) for s in sets], reference, widths)
 
-    log_mass, constant = _likeliest_mass(lambda mass: in_air("constant", mass))
-    share = 1.0
-    for mass in (_LIGHTEST, math.exp(log_mass)):
+    masses, constant = [_LIGHTEST], None
+    if is_constant or alpha < _MOST_OF_CONSTANT:
+        log_mass, constant = _likeliest_mass(lambda mass: in_air("constant", mass))
+        masses.append(math.exp(log_mass))
+    if constant is not None and constant.log_evidence + _LIGHT < least:
+        constant = None
+    share, law = 1.0, None
+    for mass in masses if not is_constant else ():
         plain = in_air(PLAIN, mass)
         lossy = in_air(WITH_E0, mass)
-        if max(plain.log_evidence, lossy.log_evidence) + _LIGHT > least:
+        likelier = max((plain, lossy), key=lambda fit: fit.log_evidence)
+        if likelier.log_evidence + _LIGHT > least:
             share = min(share, alpha_of(plain, lossy).value / alpha)
-    if constant.log_evidence + _LIGHT > least:
-        return AirRivals(constant, share)
-    return AirRivals(None, share)
+            law = max(filter(None, (law, likelier)), key=lambda fit: fit.log_evidence)
+    return AirRivals(constant, law, share)
 
 
 def _likeliest_mass(fitted: Callable[[float], LawFit]) -> tuple[float, LawFit]:

@@ -154,8 +154,8 @@ class NumberStyle:
 def _bare(text: str) -> str:
     """A cell without TeX's marks about a number and in it, or the type that NumPy prints about it."""
     text = _OF_NUMPY.sub(r"\1", text).strip().strip("$").strip().replace("{,}", ",")
-    # "1." is the first.
-    text = re.sub(r"^(\d+)\.$", r"\1", text)
+    # "1." and "1)" are the first.
+    text = re.sub(r"^(\d+)[.):]$", r"\1", text)
     return text.replace("\\%", "%").replace("\\,", " ")
 
 
@@ -205,11 +205,11 @@ def looks_numeric(text: str) -> bool:
 
 def counts(cells: Sequence[str]) -> bool:
     """Say whether cells count rows: whole numbers, each one above, or each one below, the one before;
-    "1." too.
+    "1." and "1)" too.
     """
-    if len(cells) < 2 or not all(re.fullmatch(r"\d+\.?", cell) for cell in cells):
+    if len(cells) < 2 or not all(re.fullmatch(r"\d+[.):]?", cell) for cell in cells):
         return False
-    steps = {int(b.strip(".")) - int(a.strip(".")) for a, b in itertools.pairwise(cells)}
+    steps = {int(b.strip(".):")) - int(a.strip(".):")) for a, b in itertools.pairwise(cells)}
     return steps in ({1}, {-1})
 
 

@@ -7,7 +7,7 @@ import re
 import tomllib
 import unicodedata
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
@@ -73,7 +73,7 @@ _EXAMPLES = {
 # Meanings of whole files, which no column has.
 _OF_FILES = ("frequency", "unit of length", "unit of time", "units", "dimension of x")
 # Meanings of words that stand anywhere in a text.
-_OF_TEXTS = ("gravity", "tilt", "track", "throw", "moving plate")
+_OF_TEXTS = ("gravity", "tilt", "camera", "track", "throw", "left out", "moving plate")
 # Roles: the meanings that a name must have, and those that it may have besides.
 _EVENTS = {"touch", "bounce"}
 _UPWARDS = {"vertical", "y", "z"}
@@ -108,8 +108,8 @@ _ROLES: tuple[tuple[str, set[str], set[str]], ...] = (
     ("rate", {"penetration", "rate"}, set()),
     ("rate", {"penetration", "speed"}, set()),
     ("penetration", {"penetration"}, {"touch", "vertical"}),
-    ("frame", {"frame"}, {"number", *_EVENTS}),
-    ("sample", {"sample"}, {"number"}),
+    ("frame", {"frame"}, {"number", "begin", *_EVENTS}),
+    ("sample", {"sample"}, {"number", "begin", *_EVENTS}),
 )
 # Names of lengths and times alone: "drop [cm]" is a height, "drop" a number.
 _BY_QUANTITY = {
@@ -153,6 +153,13 @@ _RUN = re.compile(
 )
 _BEFORE_UNIT = re.compile(r"\s*/\s*|_|\s*,\s*|\s+(?:in|en)\s+|\s+")
 _OF_R = re.compile(r"(\S+?)\.{2,3}([a-zA-Zµ]+(?:\.[a-z]+)?)\.?")
+# Units times a power of ten, "10^-2 m", "1/100 s", "x10 cm", have a prefix: cm, cs, dm. Of "(10 cm)"
+# nobody knows whether it is the height of the drop.
+_SCALED = re.compile(
+    r"[(\[]?\s*(?:[x×]?\s?(?:1?e(?P<e>-?\d)|1/1(?P<under>0+)|10\s*(?:\^\s*|(?=-))(?P<power>-?\d))"
+    r"|[x×]\s?(?:0\.(?P<zeros>0*)1|1(?P<over>0+)))\s*[·*]?\s*(?P<unit>[cdm]?(?:m/s|[ms]))\s*[)\]]?"
+)
+_PREFIXES = {-6: "µ", -3: "m", -2: "c", -1: "d", 0: "", 1: "da", 2: "h", 3: "k"}
 # "m s^-1" and "m*s^-1" are m/s.
 _BY_POWER = re.compile(r"([a-zµ]+)[\s*]([sh])\^-1")
 _SIGNS = dict.fromkeys("-−–", "before") | dict.fromkeys("+'′’", "after")
@@ -176,6 +183,8 @@ _LEAST_STEM = 5
 _LINKS = ("", "s", "n", "en", "e")
 # Parts of compounds, such as Fallhöhe, have this many letters or more.
 _LEAST_PART = 3
+# Letters of the longest word that is looked up: garbage in a wrong encoding has longer ones.
+_LONGEST_WORD = 60
 # Columns that a refusal shows, and letters of each name, at most.
 _MOST_SHOWN = 4
 _LETTERS = 24
@@ -306,6 +315,8 @@ def _parts(word: str) -> set[str]:
     """Meanings of the parts of a word that is in no list; "?" where they are not known."""
     if word.isdigit():
         return {word}
+    if len(word) > _LONGEST_WORD:
+        return {"?"}
     least = 1 if _WITHOUT_BLANKS.search(word) else _LEAST_PART
     for spelled in (word, _TWO_LETTERS.sub(r"\1", word)):
         if spelled in _lexicon():
@@ -316,19 +327,32 @@ def _parts(word: str) -> set[str]:
     return _inflected(word)
 
 
+@cache
+def _words_with_endings() -> dict[str, list[str]]:
+    """Known words of languages of many endings, by their first letters: a file may have thousands of
+    unknown words.
+    """
+    found: dict[str, list[str]] = {}
+    for known, languages in _languages().items():
+        if len(known) >= _LEAST_STEM and languages & _OF_MANY_ENDINGS:
+            found.setdefault(known[:_LEAST_STEM], []).append(known)
+    return found
+
+
 def _inflected(word: str) -> set[str]:
     """Meaning of a word with another ending than the known word has, in a language of many endings;
     "?" where no known word begins alike, or several of unlike meanings do.
     """
     found = set()
-    for known, languages in _languages().items():
+    for known in _words_with_endings().get(word[:_LEAST_STEM], ()):
         stem = known[: max(_LEAST_STEM, len(known) - 2)]
-        is_alike = len(stem) >= _LEAST_STEM and word.startswith(stem)
-        if is_alike and len(word) <= len(known) + 3 and languages & _OF_MANY_ENDINGS:
+        if word.startswith(stem) and len(word) <= len(known) + 3:
             found.add(_lexicon()[known])
     return set(found.pop().split(" + ")) if len(found) == 1 else {"?"}
 
 
+# Garbage in a wrong encoding has long words, whose ends come again and again.
+@lru_cache(maxsize=20_000)
 def _compound(word: str, least: int, languages: frozenset[str] | None = None) -> set[str] | None:
     """Meanings of a compound such as Rücksprunghöhe, of parts of `least` letters or more in one
     language; None unless it is a compound.
@@ -388,12 +412,15 @@ def _role_of_meanings(found: set[str], unit: str) -> str:
 
     Digits of a single column do not count; where two columns differ in them, `columns_of` asks.
     """
-    found = {meaning for meaning in found if not meaning.isdigit()}
+    digits = {meaning for meaning in found if meaning.isdigit()}
+    # "rebound height, trial 1"
+    found = found - digits - ({"trial"} if digits else set())
     for role, needed, allowed in _ROLES:
         if needed <= found <= needed | allowed:
             return role
-    # "touch no. 3 [ms]" has the time of the touch.
+    # "touch no. 3 [ms]" has the time of the touch, "after bounce [cm]" the height after it.
     bare = found - {"number"}
+    bare = bare - _EVENTS or bare
     if len(bare) == 1 and unit:
         (meaning,) = bare
         for quantity in QUANTITIES_OF_COLUMNS:
@@ -455,6 +482,7 @@ def _split_header(cell: str) -> tuple[str, str]:
     cell = unicodedata.normalize(
         "NFKC", cell.replace("²", "^2").replace("⁻¹", "^-1").replace("⁻", "-")
     )
+    cell = cell.strip().removesuffix(":")
     # Gnuplot numbers its columns, and R writes "height (cm)" as "height..cm.".
     cell = re.sub(r"^\d+\s*:\s*(?=\D)", "", cell)
     of_r = _OF_R.fullmatch(cell)
@@ -479,6 +507,8 @@ def _split_header(cell: str) -> tuple[str, str]:
         if _adds_to_name(outside, unit):
             outside = f"{outside} {unit}"
             unit = ""
+        # "t / (0.1 s)"
+        unit = (outside.endswith("/") and _with_prefix(f"x{unit}")) or unit
         return _with_unit(re.sub(r"[\[\](){}]", " ", outside), unit)
     return _with_unit(cell.lower(), "")
 
@@ -515,12 +545,19 @@ def _with_unit(name: str, unit: str) -> tuple[str, str]:
     # The first sign after which all is a unit: "speed_m_s" has m/s, not s.
     for sign in _BEFORE_UNIT.finditer(name, 1):
         written = name[sign.end() :]
+        if len(written) > _LONGEST_WORD:
+            # A sentence, or a line without ends.
+            continue
+        # "t / 10 ms"
+        divided = f"x{written}" if sign[0].strip() in ("/", "in") else ""
         # "v_in" has no inches: a speed has none.
         quantity = QUANTITY_OF.get(role_of(name[: sign.start()]), "")
         if written in ("in", "n") and sign[0] in ("_", " ") and not is_unit_of(written, quantity):
             continue
-        unit = _BY_POWER.sub(r"\1/\2", units.usual_unit(plain_unit(written)))
-        if is_unit(unit):
+        unit = _with_prefix(divided) or _BY_POWER.sub(
+            r"\1/\2", units.usual_unit(plain_unit(written))
+        )
+        if is_unit(unit) or _with_prefix(divided):
             return name[: sign.start()].strip(" _"), unit
     # "seconds" alone.
     if len(name) > 2 and is_unit_of(plain_unit(name), "time") and name in _unit_words():
@@ -530,11 +567,26 @@ def _with_unit(name: str, unit: str) -> tuple[str, str]:
 
 def plain_unit(text: str) -> str:
     """A unit in the word that Pint knows: "s" of "Sekunden", "m/s" of "м/с"; else as it is."""
+    if scaled := _with_prefix(text):
+        return scaled
     text = text.strip().strip("[](){}").strip()
     known = _unit_words()
     # "cm." at the end of a sentence, or as an abbreviation.
     bare = text.rstrip(".")
     return known.get(folded(text)) or (len(bare) > 1 and known.get(folded(bare))) or text
+
+
+def _with_prefix(text: str) -> str:
+    """The unit for a power of ten times a unit, such as cm for "10^-2 m"; "" for other text."""
+    found = _SCALED.fullmatch(text.replace("−", "-").replace("-^", "^-").lower())
+    if found is None:
+        return ""
+    e, under, power, zeros, over, unit = found.groups()
+    exponent = int(e or power or 0) + len(over or "") - len(under or "")
+    exponent -= 0 if zeros is None else len(zeros) + 1
+    bare = re.sub(r"^[cdm](?=[ms])", "", unit)
+    exponent += next(k for k, sign in _PREFIXES.items() if f"{sign}{bare}" == unit)
+    return f"{_PREFIXES[exponent]}{bare}" if exponent in _PREFIXES else ""
 
 
 @cache
@@ -546,9 +598,10 @@ def is_unit(text: str) -> bool:
 @cache
 def is_unit_of(text: str, quantity: str) -> bool:
     """True for a unit of this quantity, in a word of any language."""
+    scaled = _with_prefix(text)
     text = _BY_POWER.sub(r"\1/\2", units.usual_unit(plain_unit(text)))
     usual = {"time": "s", "position": "m", "speed": "m/s", "force": "N"}
-    if text not in _usual_units() or quantity not in usual:
+    if not (scaled or text in _usual_units()) or quantity not in usual:
         return False
     try:
         units.parse(f"1 {text}", quantity, "unit")

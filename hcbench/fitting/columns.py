@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -136,7 +137,7 @@ def columns_of(table: Table, asked: str | None = None) -> DataColumns:
                 of_things.append(i)
         elif role:
             roles.setdefault(role, []).append(i)
-        elif not is_beside(name) and (name or not counts(cells)):
+        elif (not is_beside(name) or _is_of_trial(name)) and (name or not counts(cells)):
             # pandas gives the index of the rows no name.
             unknown.append(i)
             of_rows += [i] if counts(cells) else []
@@ -165,8 +166,20 @@ def columns_of(table: Table, asked: str | None = None) -> DataColumns:
     return columns
 
 
+def _is_of_trial(name: str) -> bool:
+    """Say whether a column has the readings of one of several trials, such as "Run 2"."""
+    found = meanings_of(name)
+    return "trial" in found and any(map(str.isdigit, found))
+
+
 def _advice(table: Table, roles: dict[str, list[int]], unknown: list[int]) -> str:
     """Advice on columns with unknown names: the kind to ask for, where one of them may be the data."""
+    if any(
+        {"px", "pixel", "pixels"} & set(re.split(r"[\W_]+", table.header[i][0])) for i in unknown
+    ):
+        return "Write lengths in place of pixels, such as 'y [m]'"
+    if any(_is_of_trial(table.header[i][0]) for i in unknown):
+        return "Name each column by what it has too, such as 'rebound height, trial 1 [cm]'"
     for kind, quantity, meaning in (
         ("times", "time", "the times of touches or the times between them"),
         ("heights", "position", "the heights of one bounce after the other"),
@@ -281,11 +294,13 @@ def _part_numbered(table: Table, roles: dict[str, list[int]]) -> None:
     """Take two columns that differ by a number, such as h1 and h2, for before and after the impact."""
     for role in ("height", "speed"):
         at = roles.get(role, [])
-        found = [[*filter(str.isdigit, meanings_of(table.header[i][0]))] for i in at]
+        names = [table.header[i][0] for i in at]
+        found = [[*filter(str.isdigit, meanings_of(one))] for one in names]
         numbered = sorted(
             (int(digits[0]), i) for digits, i in zip(found, at, strict=True) if digits
         )
-        if len(numbered) == len(at) == 2 and numbered[1][0] - numbered[0][0] == 1:
+        is_again = any(map(_is_of_trial, names))
+        if len(numbered) == len(at) == 2 and numbered[1][0] - numbered[0][0] == 1 and not is_again:
             del roles[role]
             roles |= {f"{role}_in": [numbered[0][1]], f"{role}_out": [numbered[1][1]]}
 

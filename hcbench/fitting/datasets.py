@@ -298,8 +298,7 @@ class TouchTimes(Dataset):
     def doubts(self, fit: LawFit) -> Iterator[str]:
         """Yield reasons to doubt that the touches are the ball's; none if the user chose them."""
         if self.heard:
-            fastest = float(fit.models[0].speed.max())
-            yield from doubts_of(self.heard, fit.scatter, fastest, self.setup.height is not None)
+            yield from doubts_of(self.heard, fit.scatter)
 
     @property
     def widening(self) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 from hcbench.fitting.cells import counts, is_missing
 from hcbench.fitting.column_names import (
     QUANTITY_OF,
+    is_beside,
     is_unit_of,
     meanings_of,
     numbers_bounces,
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 # Rows after which another header begins another table.
 LEAST_ROWS = 2
 # Meanings of columns that have a time of a touch each.
-_OF_TIMES = {"time", "touch", "bounce", "begin", "beside"}
+_OF_TIMES = {"time", "interval", "touch", "bounce", "begin", "beside"}
 # Share by which rebounds from one height differ, at most.
 _SAME_REBOUND = 0.2
 # Roles of impacts measured one by one, and those of them after the impact.
@@ -172,7 +173,9 @@ def _made_again(table: Table) -> list[Table]:
     """The table with a row for each of several rebounds from one height that are numbered as trials;
     empty where they may be successive bounces, each below the one before.
     """
-    roles = [role_of(*name) for name in table.header]
+    means = [role_of(*name) if "mean" not in meanings_of(name[0]) else "" for name in table.header]
+    # The mean of the trials is not one of them.
+    roles = means if len(_AFTER.intersection(means)) else [role_of(*name) for name in table.header]
     # Beside the height of the drop.
     later = _AFTER | ({"height"} if "height_in" in roles else set())
     after = [i for i, role in enumerate(roles) if role in later]
@@ -183,7 +186,7 @@ def _made_again(table: Table) -> list[Table]:
     is_near = (np.ptp(numbers, axis=0) < _SAME_REBOUND * np.abs(numbers).max(axis=0)).all()
     if not is_near or not (np.diff(numbers, axis=0) > 0).any():
         return []
-    name = re.sub(r"\d+", "", table.header[after[0]][0]).strip()
+    name = re.sub(r"\d+$", "1", table.header[after[0]][0])
     header = [table.header[before[0]], (name, table.header[after[0]][1])]
     each = zip(*(_rows(table, [before[0], i]) for i in after), strict=True)
     return [_drop(table, 0, header, [*itertools.chain(*each)])]
@@ -191,16 +194,18 @@ def _made_again(table: Table) -> list[Table]:
 
 def _side_by_side(table: Table) -> list[Table]:
     """The drops of a table whose columns repeat, one table each; the table alone where none do."""
-    names = [name for name in table.header if name[0]]
-    first = names[0] if names else ("", "")
+    first = next((name for name in table.header if role_of(*name) in QUANTITY_OF), ("", ""))
     starts = [i for i, name in enumerate(table.header) if name == first]
-    if not first[0] or len(starts) < 2 or role_of(*first) not in QUANTITY_OF:
+    if not first[0] or len(starts) < 2:
         return [table]
-    parts = itertools.pairwise([*starts, len(table.header)])
-    drops = [
-        _drop(table, k, table.header[begin:end], _rows(table, range(begin, end)))
-        for k, (begin, end) in enumerate(parts, 1)
-    ]
+    # A column before them may number the bounces of all.
+    shared = range(starts[0])
+    if not all(is_beside(table.header[i][0]) for i in shared if table.header[i][0]):
+        return [table]
+    drops = []
+    for k, (begin, end) in enumerate(itertools.pairwise([*starts, len(table.header)]), 1):
+        places = [*shared, *range(begin, end)]
+        drops.append(_drop(table, k, [table.header[i] for i in places], _rows(table, places)))
     if len({tuple(one for one in drop.header if one[0]) for drop in drops}) > 1:
         return [table]
     return drops

@@ -40,6 +40,7 @@ _PAIRS = "Give pairs of speeds before and after the impact, relative to the plat
 _FACTS = {
     "tilt": (r"°|º|deg\w*|gra[du]\w*|度", "a vertical fall", _ALONG),
     "track": ("", "a vertical fall", _ALONG),
+    "left out": ("", "each bounce", "Number the bounces in a column of their own"),
     "throw": (r"k?m/[sh]|mph|ft/s|[cm]m/s|м/с", "a fall from rest", _PAIRS),
     "moving plate": (r"k?m/[sh]|ft/s|[cm]m/s|hz|м/с|гц", "a plate at rest", _PAIRS),
 }
@@ -56,6 +57,10 @@ def require_usual_fall(
     falls = is_open and (is_dropped or any(data.needs_gravity for _, data in found))
     counts = dict.fromkeys(("gravity", "tilt", "track"), falls)
     counts |= {"throw": is_dropped or setup.height is not None, "moving plate": True}
+    # Bounces that are numbered may be left out.
+    counts["left out"] = any(
+        data.needs_gravity and getattr(data, "numbers", None) is None for _, data in found
+    )
     lines = [one.text or "\n".join("\t".join(cells) for _, cells in one.rows) for one in sheets]
     for table in (columns.table for columns, _ in found):
         first = table.cells[0]
@@ -75,9 +80,21 @@ def _said(text: str, gravity: float) -> Iterator[tuple[str, str]]:
     for match in _pattern("gravity").finditer(text):
         if said := _other_gravity(match, gravity):
             yield "gravity", said
+    text = _of_cameras().sub(" ", text)
     for fact in _FACTS:
         if any(word in text for word in words_of_texts(fact)):
             yield from ((fact, match[0].strip()) for match in _pattern(fact).finditer(text))
+
+
+@cache
+def _of_cameras() -> re.Pattern[str]:
+    """The words of a tilt that is a camera's: "camera tilt", "tilt of the phone", "Kamera um 3° geneigt"."""
+    cameras, tilts = ("|".join(map(re.escape, words_of_texts(of))) for of in ("camera", "tilt"))
+    camera, tilt = rf"\b(?:{cameras})\w*", rf"(?:{tilts})\w*"
+    joint = r"[\s_:=-]*(?:(?:was|is|were|wurde|war|ist|est|etait|era|es|e|um|by|de)\s+)*"
+    angle = rf"(?:{_NUMBER}\s*(?:{_FACTS['tilt'][0]})\s*)?"
+    of = r"[\s_]*(?:angle\s+)?(?:of|der|des|de|du|della|del|da)?\s*(?:the|la|l['’])?\s*"
+    return re.compile(rf"{camera}{joint}{angle}{tilt}|{tilt}{of}{camera}")
 
 
 @cache

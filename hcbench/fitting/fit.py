@@ -60,6 +60,7 @@ _USUAL = (0.1, 20.0)
 _USUAL_ALONE = (1e-3, 200.0)
 # Why a law is not chosen where the air of a light ball does as well.
 _OR_AIR = "the law, or a constant e in the air of a light ball: give --mass and --diameter"
+_OR_LAW_IN_AIR = "the law in the air of a light ball: give --mass and --diameter"
 # The data cannot be right if the posterior has this share at e > 1.
 _GAINS = 0.999
 
@@ -218,16 +219,8 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     reservation = ""
     if all(s.reservation for s in sets):
         reservation = sets[0].reservation
-    air = AirRivals()
-    left = laws_left(evidence)
-    if "constant" not in left and not left.isdisjoint(FAMILY):
-        # Where other laws are left too, α is still printed.
-        air = rivals_in_air(sets, whole.fits, whole.widths)
-    if air.constant is not None:
-        reservation = _OR_AIR
-        if is_alone:
-            log_odds, _ = smooth_change(air.constant, sets[0])
-            lack = replace(lack, odds=min(lack.odds, math.exp(log_odds)))
+    air, said, lack = _in_air(sets, whole, lack)
+    reservation = said or reservation
     if is_alone and whole.rival is not None:
         reservation = _other_reading(whole)
     chosen: str | None = law
@@ -264,6 +257,31 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     if not chosen and (doubts or lack.is_certain):
         return result
     return _with_numbers(result, whole, each, air)
+
+
+def _in_air(
+    sets: Sequence[Dataset], whole: _Fitted, lack: LackOfFit
+) -> tuple[AirRivals, str, LackOfFit]:
+    """The rivals in the air of a light ball, why no law is chosen for them ("" where one may be), and
+    the lack of fit where such a ball lacks less.
+    """
+    left = laws_left(whole.evidence)
+    if left.isdisjoint({*FAMILY, "constant"}):
+        return AirRivals(), "", lack
+    # Where other laws are left too, α is still printed.
+    air = rivals_in_air(sets, whole.fits, whole.widths)
+    if "constant" in left:
+        return air, "", lack
+    said = ""
+    if air.constant is not None:
+        said = _OR_AIR
+    elif air.law is not None and lack.is_likely:
+        said = _OR_LAW_IN_AIR
+    if len(sets) == 1:
+        for rival in filter(None, (air.constant, air.law)):
+            log_odds, _ = smooth_change(rival, sets[0])
+            lack = replace(lack, odds=min(lack.odds, math.exp(log_odds)))
+    return air, said, lack
 
 
 def _together(sets: Sequence[Dataset], each: Sequence[_Fitted], reference: float) -> _Fitted:
@@ -445,6 +463,8 @@ def _with_numbers(
         e0 = estimate_of(whole.fits[WITH_E0], "e0")
     if "constant" in laws:
         restitution, share, odd = _constant(whole, used)
+        in_air = [estimate_of(air.constant, "restitution")] if air.constant else []
+        restitution = _spanning(restitution, in_air)
         if drops.between is None:
             drops = replace(drops, between=share, odd=odd)
     elif air.constant is not None:

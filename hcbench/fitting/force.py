@@ -32,6 +32,8 @@ _APART = 3.0
 # A smaller difference between those two never counts as a contradiction.
 _NO_CONTRADICTION = 0.01
 # Points of a pulse that a fit needs.
+# Samples of quiet, at least.
+_LEAST_QUIET = 5
 _LEAST_POINTS = 20
 # Standard deviations of α below 0 from which the data surely gain energy.
 _SIGMAS_BELOW = 3.0
@@ -260,7 +262,7 @@ def _pulse(name: str, time: Floats, force: Floats) -> tuple[Floats, Floats]:
     Raises UserError without a push, with several, with fewer than 20 samples in it, or with too
     little quiet around it to set the zero.
     """
-    force = force - float(np.median(force))
+    force = force - _first_zero(force)
     smooth = _smoothed(force, _half_width(force))
     if abs(smooth.min()) > smooth.max():
         force = -force
@@ -273,7 +275,7 @@ def _pulse(name: str, time: Floats, force: Floats) -> tuple[Floats, Floats]:
     for _ in range(2):
         first, last = _around(smooth, int(np.argmax(smooth)), limit)
         quiet = np.concatenate([force[:first], force[last + 1 :]])
-        if len(quiet) < 5 or 2 * (last - first) > len(force):
+        if len(quiet) < _LEAST_QUIET:
             raise UserError(
                 name, "no quiet about the push", "as long a quiet as the push, for the zero"
             )
@@ -283,9 +285,22 @@ def _pulse(name: str, time: Floats, force: Floats) -> tuple[Floats, Floats]:
     inside = (np.arange(len(force)) >= first) & (np.arange(len(force)) <= last)
     if inside.sum() < _LEAST_POINTS:
         raise UserError(name, f"{inside.sum()} samples in the push", f"{_LEAST_POINTS} or more")
+    if calm.min() < -_ANOTHER * top:
+        raise UserError(name, "a zero that is not quiet", "zero force before and after the push")
     if calm.max() > _ANOTHER * top:
         raise UserError(name, "several pushes", "one impact", "Cut out one of them")
     return np.asarray(inside), np.asarray(force)
+
+
+def _first_zero(force: Floats) -> float:
+    """The force (n,) at the ends of a record where both are alike; else its median, which is the quiet's
+    where that is longer than the push.
+    """
+    count = max(_LEAST_QUIET, len(force) // 20)
+    ends = [float(np.median(part)) for part in (force[:count], force[-count:])]
+    if abs(ends[0] - ends[1]) < _ANOTHER * float(np.ptp(force)):
+        return 0.5 * sum(ends)
+    return float(np.median(force))
 
 
 def _half_width(force: Floats) -> int:

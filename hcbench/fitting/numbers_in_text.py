@@ -43,6 +43,8 @@ _NUMBER = re.compile(rf"(?<![\w.^])(?:{_STAMP}|{_CLOCK}|{_PLAIN})(?![\w.]*\d|[^\
 _DAY = re.compile(
     r"(?<![\w.])(?!\d{4}-\d\d-\d\d[T ])\d{1,4}([-/.])\d{1,2}(?:\1\d{1,4})?[, ]+(?=\d{1,2}:\d\d)"
 )
+# The day after a clock's time, as chats copy it: "[14:10, 03/05/2024]".
+_DAY_AFTER = re.compile(r"(\[\d{1,2}:\d\d(?::\d\d)?), \d{1,4}([-/.])\d{1,2}\2\d{1,4}(?=\])")
 # Numbers of a list have points: a comma is between them.
 _IN_LIST = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?(?![\w.]*\d)")
 _BETWEEN = re.compile(r"[\s,;]+")
@@ -67,6 +69,8 @@ _OF_PROGRAMS = re.compile(
     r"|static|constexpr|unsigned|long|progmem|u?int\d*(?:_t)?|text|plain|time\.duration)\b[.]?)+",
     re.IGNORECASE,
 )
+# Roles of columns that a rate turns into times.
+_COUNTED = ("frame", "sample")
 # Meanings of words that make another quantity of what they stand before.
 _CHANGES = {"changed", "peak", "upper edge"}
 _OPENING = tuple("=:([{")
@@ -105,7 +109,11 @@ class _Columns(NamedTuple):
         headers = list(map(split_header, self.names))
         roles = {role_of(*header) for header in headers}
         events = {name.rstrip(" 0123456789") for name, _ in headers if _is_event(name)}
-        return len(roles & {*QUANTITY_OF, "frame", "sample"}), len(events)
+        meanings = list(map(meanings_of, self.names))
+        if {"before"} in meanings and {"after"} in meanings:
+            # Their unit may stand above them.
+            roles |= {"speed_in", "speed_out"}
+        return len(roles & {*QUANTITY_OF, *_COUNTED}), len(events)
 
 
 def rows_in_text(text: str) -> tuple[Row, ...]:
@@ -128,8 +136,10 @@ def _lines(text: str) -> list[tuple[int, str]]:
     if is_markup:
         # The ends of elements say nothing.
         text = re.sub(r"</[^<>]*>", "", text)
+        # <h n="1">61.2 has the number of the bounce, and then its height.
+        text = re.sub(r"<(\w+)((?:\s+\w+=\"\d+\")+)\s*>(?=\s*[-+\d.])", r"<\2 \1>", text)
     return [
-        (number, _ABOUT_NUMBERS.sub("", _DAY.sub("", part.strip())))
+        (number, _ABOUT_NUMBERS.sub("", _DAY.sub("", _DAY_AFTER.sub(r"\1", part.strip()))))
         for number, line in enumerate(text.splitlines(), 1)
         for part in (re.split(r"(?<=.)(?=<)", line) if is_markup else [line])
         if part.strip()
@@ -359,7 +369,12 @@ def _of_lists(text: str) -> _Columns:
             columns.setdefault(name, numbers[period - 1 :: period])
     count = max(map(len, columns.values()), default=0)
     padded = [[*numbers, *[""] * (count - len(numbers))] for numbers in columns.values()]
-    return _Columns(tuple(columns), tuple((1, row) for row in zip(*padded, strict=True)))
+    # The rate of frames and samples stands somewhere else in the text.
+    is_counted = any(role_of(name) in _COUNTED for name in columns)
+    others = [line for line in text.splitlines() if len(_IN_LIST.findall(line)) < _LEAST]
+    about = [(1, (line,)) for line in others] if is_counted else []
+    rows = tuple((1, row) for row in zip(*padded, strict=True))
+    return _Columns(tuple(columns), rows, tuple(about))
 
 
 def _runs(gaps: Sequence[str], period: int) -> Iterator[tuple[int, int, int]]:
@@ -386,11 +401,13 @@ def _name_of(before: str, after: str) -> str:
     *_, line = before.splitlines()
     if meanings_of(_without_types(line)) & _CHANGES:
         return ""
-    plain = re.sub(r"[(#]|<[^<>\n]*>", " ", before)
+    plain = re.sub(r"\(|<[^<>\n]*>", " ", before).replace("#", ":")
     phrases = map(_without_types, _SIGNS.split(plain)[::-1])
     for phrase in filter(None, phrases):
         name, unit = split_header(phrase)
         role = role_of(name, unit)
+        if role in _COUNTED:
+            return name
         if role in QUANTITY_OF:
             # Of several lists, each has its unit after it.
             near = [*re.findall(r"[^\W\d_][\w/]*", after), *reversed(_WORD.findall(before))]

@@ -373,7 +373,28 @@ def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> 
         return None
     columns, of_kind = found
     with explained(columns.table.name, columns.table.header):
-        return _fitted_force(columns, setup, of_kind)
+        try:
+            return _fitted_force(columns, setup, of_kind)
+        except UserError as error:
+            line, value = _said_with_unit(path, error.slot)
+            if not value:
+                raise
+            advice = f"The file has {line!r}: give --{error.slot} {value!r} if that is it"
+            raise UserError(error.slot, error.got, error.expected, advice) from error
+
+
+def _said_with_unit(path: Path, option: str) -> tuple[str, str]:
+    """The first line of a file with a number in a unit of an option, mass or speed, and that number
+    with its unit; two "" for none.
+    """
+    unit = {"mass": r"(?:k|m)?g\b", "speed": r"(?:[ck]?m/s|km/h)"}.get(option)
+    if unit is None:
+        return "", ""
+    for sheet in read_sheets(path):
+        for line in sheet.text.splitlines():
+            if match := re.search(rf"\d+(?:\.\d+)?\s*{unit}", line):
+                return line.strip(), match[0]
+    return "", ""
 
 
 def _fitted_force(columns: DataColumns, setup: MeasurementSetup, kind: str) -> ForceFit:

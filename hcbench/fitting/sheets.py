@@ -1,7 +1,8 @@
-"""Files as sheets of cells: text in any encoding, workbooks, zip archives and JSON."""
+"""Files as sheets of cells: text in any encoding, workbooks, zip archives, documents and JSON."""
 
 from __future__ import annotations
 
+import html
 import io
 import math
 import re
@@ -11,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from email import message_from_bytes
 from email.policy import default
-from html.parser import HTMLParser
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +39,7 @@ _PLACE = re.compile(rb'<(?:\w+:)?c\b[^>]*?\br="([A-Z]{1,3})(\d{1,7})"')
 # Share of bytes that are 0 from which on text has two bytes a letter.
 _ZEROS = 0.3
 _OLD_WORKBOOK = b"\xd0\xcf\x11\xe0"
+_OF_WORD = "word/document.xml"
 _ARCHIVE = b"PK\3\4"
 # Encodings of text that is not in UTF: the first is taken where no word tells.
 _ENCODINGS = (
@@ -57,6 +58,11 @@ _VALUES = re.compile(r"^\s*insert\s+into\b[^(;]*values\s*(.*);\s*$", re.IGNORECA
 _OF_SQL = re.compile(
     r"^\s*[`\"]?(\w+)[`\"]?\s+(?:\w*int|decimal|numeric|double|float|real)\b", re.I | re.M
 )
+# Rows, cells and ends of lines in HTML, and in documents of Word; all other tags.
+_ROW = re.compile(r"(?is)<(?:w:)?tr\b.*?(?=<(?:w:)?tr\b|</(?:w:)?t(?:able|bl)\b|$)")
+_CELL = re.compile(r"(?is)<(?:w:)?t[dhc]\b.*?(?=<(?:w:)?t[dhcr]\b|</(?:w:)?tr\b|$)")
+_BREAK = re.compile(r"(?i)<(?:w:)?(?:/p|/div|br|/h\d|/li|/caption)\b[^>]*>")
+_BARE = re.compile(r"<[^<>]*>")
 # Lines from the first on that have the names of columns.
 _HEADER_LINES = 60
 # Files in an archive that hold tables.
@@ -183,16 +189,17 @@ def _of_text(name: str, text: str) -> Sheet:
     begin = text.lstrip()[:1]
     if begin in ("{", "["):
         try:
-            # The text of a notebook or a chat is among what it says of itself.
+            notebook = _of_notebook(parse_json(text))
+            if notebook:
+                return _of_text(name, notebook)
+            # The text of a chat is among what it says of itself.
             return replace(_of_json(name, parse_json(text)), text=text)
         except ValueError:
             records = _of_json_lines(text)
             if records:
                 return _of_json(name, records)
-    if re.search(r"<t[dh]\b", text, re.IGNORECASE):
-        page = _HtmlTable()
-        page.feed(text)
-        return Sheet(name, tuple(enumerate(map(tuple, page.rows), 1)))
+    if _CELL.search(text):
+        text = _of_markup(text)
     rows = "),".join(_VALUES.findall(text))
     if rows.count("),") > 1 and _OF_SQL.search(text):
         listed = [one.strip("( )'") for one in re.split(r"\)\s*,", rows)]
@@ -201,6 +208,18 @@ def _of_text(name: str, text: str) -> Sheet:
         )
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
     return Sheet(name, rows_of(name, lines), text)
+
+
+def _of_notebook(content: Any) -> str:
+    """The text of a notebook of Jupyter, each cell with what it printed below; "" for other content."""
+    if not isinstance(content, dict) or not {"cells", "nbformat"} <= content.keys():
+        return ""
+    parts = []
+    for cell in content["cells"]:
+        printed = cell.get("outputs", [])
+        shown = (one.get("text") or one.get("data", {}).get("text/plain", "") for one in printed)
+        parts += [cell.get("source", ""), *shown]
+    return "\n".join("".join(part) for part in parts)
 
 
 def _of_json_lines(text: str) -> list[Any]:
@@ -318,30 +337,23 @@ def _texts(values: Sequence[Any]) -> tuple[str, ...]:
     return tuple(map(_text, values))
 
 
-class _HtmlTable(HTMLParser):
-    """Rows of the tables of a page, as text: `rows`."""
+def _of_markup(text: str) -> str:
+    """The text of a page in HTML, or of a document of Word: a line for each row of its tables, with tabs
+    between the cells.
+    """
+    text = re.sub(r"(?is)<(script|style)\b.*?</\1>", "", text)
+    text = _ROW.sub(_tabbed, re.sub(r"\s+", " ", text))
+    lines = _BARE.sub("", _BREAK.sub("\n", text)).splitlines()
+    return html.unescape("\n".join(line.strip(" ") for line in lines))
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.rows: list[list[str]] = []
-        self._is_in_cell = False
 
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Begin a row or a cell."""
-        if tag == "tr":
-            self.rows.append([])
-        self._is_in_cell = tag in ("td", "th") or (self._is_in_cell and tag not in ("tr", "table"))
-        if tag in ("td", "th") and self.rows:
-            self.rows[-1].append("")
-
-    def handle_endtag(self, tag: str) -> None:
-        """End a cell."""
-        self._is_in_cell = self._is_in_cell and tag not in ("td", "th", "tr", "table")
-
-    def handle_data(self, data: str) -> None:
-        """Add text to a cell."""
-        if self._is_in_cell and self.rows and self.rows[-1]:
-            self.rows[-1][-1] = f"{self.rows[-1][-1]} {data.strip()}".strip()
+def _tabbed(row: re.Match[str]) -> str:
+    """A row of a table as a line; cells that are merged over several columns have empty ones after."""
+    cells = []
+    for cell in _CELL.finditer(row[0]):
+        span = re.search(r"(?i)(?:colspan|gridspan w:val)\s*=\s*['\"]?(\d+)", cell[0])
+        cells += [_BARE.sub("", cell[0]).strip(), *[""] * (int(span[1]) - 1 if span else 0)]
+    return "\n" + "\t".join(cells) + "\n"
 
 
 def _of_workbook(name: str, content: bytes) -> list[Sheet]:
@@ -419,6 +431,8 @@ def _of_archive(name: str, content: bytes) -> list[Sheet]:
             members = [one for one in archive.namelist() if not one.endswith("/")]
             if any(one.startswith(("xl/", "Object")) or one == "content.xml" for one in members):
                 return _of_workbook(name, content)
+            if _OF_WORD in members:
+                return [_of_text(name, with_plain_digits(decoded(archive.read(_OF_WORD))))]
             # phyphox puts what it knows of the device into meta/.
             kept = [
                 one

@@ -28,7 +28,7 @@ from hcbench.fitting.table import Table, cell_of
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from hcbench.fitting.cells import NumberStyle
     from hcbench.fitting.separators import Row
@@ -47,11 +47,12 @@ _LEAST_SUMMED = 3
 _OF_A_SUM = 2e-3
 # Quantities whose units a line before the table may name.
 _UNITS_OF = {"unit of length": "position", "unit of time": "time"}
-# "240 fps", "120 frames per second", "120 images/s", "30 кадров/с".
+# "240 fps", "48 kHz", "120 frames per second", "120 images/s", "30 кадров/с".
 _RATE_IN_WORDS = re.compile(
-    r"(\d+(?:[.,]\d+)?)\s*(?:fps|hz|frames\s*per\s*s|[^\W\d_]{4,}\s*/\s*[sс]\b)", re.IGNORECASE
+    r"(\d+(?:[.,]\d+)?)\s*(?:fps|(k?)hz|frames\s*per\s*s|[^\W\d_]{4,}\s*/\s*[sс]\b)", re.IGNORECASE
 )
-
+# "sample @ 44.1 kHz"
+_AT_RATE = re.compile(rf"\s+(?:@|at)\s+{_RATE_IN_WORDS.pattern}", re.IGNORECASE)
 # "clicks in seconds", "heights (cm)", "touches, in ms"; no "ball(s)", and no "v (in)".
 _UNIT_IN_WORDS = re.compile(
     r"(?:\bin\s+|\ben\s+|(?<!\w)[(\[](?!in\b))([^\W\d_][^\W\d_/]*(?:/\w+)?)(?=[)\]\s.,;:]|$)(?!\W*\d)"
@@ -159,7 +160,11 @@ def _table(name: str, rows: list[Row], above: list[tuple[str, ...]]) -> Table:
         if _RATE_IN_WORDS.search(unit) and any(":" in cells[at] for _, cells in body if cells[at:]):
             got = f"frames in the times under {called!r}"
             raise UserError(name, got, "seconds with decimals, or numbers of frames")
-    header = tuple((one, "" if _RATE_IN_WORDS.fullmatch(unit) else unit) for one, unit in header)
+    header = tuple(
+        (_AT_RATE.sub("", one), "" if _RATE_IN_WORDS.search(unit) else unit) for one, unit in header
+    )
+    # "before", "after" under "unit: mm/s"
+    header = tuple((one, unit or _unit_for(one, written)) for one, unit in header)
     if "x" in written:
         header = tuple(
             (written["x"], unit) if meanings_of(name) == {"x"} else (name, unit)
@@ -182,6 +187,16 @@ def _table(name: str, rows: list[Row], above: list[tuple[str, ...]]) -> Table:
     return table
 
 
+def _unit_for(name: str, written: Mapping[str, str]) -> str:
+    """The unit above a table by which "before" or "after" alone names a quantity; "" for other names.
+
+    written: units by quantity.
+    """
+    if meanings_of(name) not in ({"before"}, {"after"}):
+        return ""
+    return next((unit for of, unit in written.items() if of != "time" and role_of(name, unit)), "")
+
+
 def _block(name: str, rows: list[Row]) -> tuple[int, int]:
     """First and last rows of the numbers: the longest run of rows of numbers, and what
     belongs to it before and after.
@@ -197,7 +212,7 @@ def _block(name: str, rows: list[Row]) -> tuple[int, int]:
         at += count
     if not longest:
         header = next((tuple(map(split_header, cells)) for _, cells in rows if _names(cells)), ())
-        got = "has a header and no rows" if header else "has no numbers"
+        got = "has a header and no rows" if header else "has no rows of numbers"
         with explained(name, header):
             raise UserError(name, got, "a header and rows of numbers")
     above = max((i for i in range(start) if _names(rows[i][1])), default=-1)
@@ -261,6 +276,11 @@ def _header(
         listed = listed_names([" ".join(row) for row in rows], width)
     if listed or at is None:
         return tuple(map(split_header, listed or [""] * width)), rows
+    # "Height (cm)", merged over "Trial 1", "Trial 2", ...
+    trials = next((i for i in near if i > at and _are_trials(rows[i])), None)
+    if trials is not None:
+        merged = _merged(_padded(rows[at], body, width), _padded(rows[trials], body, width))
+        return merged, [row for i, row in enumerate(rows) if i not in (at, trials)]
     names = _padded(rows[at], body, width)
     # Numbers beyond the last name may be halves of numbers with commas: no name is made up for them.
     is_short = any(any(cells[len(rows[at]) :]) for _, cells in body)
@@ -316,6 +336,28 @@ def _padded(cells: tuple[str, ...], body: list[Row], width: int) -> tuple[str, .
     return (*cells, *[""] * (width - len(cells)))
 
 
+def _are_trials(cells: Sequence[str]) -> bool:
+    """Say whether a row has two names of trials or drops, and no name of data."""
+    numbered = [one for one in cells if meanings_of(one) & {"trial", "drop"}]
+    return len(numbered) > 1 and not any(
+        role_of(*split_header(one)) in QUANTITY_OF for one in cells
+    )
+
+
+def _merged(over: Sequence[str], below: Sequence[str]) -> tuple[tuple[str, str], ...]:
+    """Names with units of columns under headings that are merged over the names of trials: "height
+    trial 1", in cm, of "Height (cm)" over "Trial 1".
+
+    Where the lower row has no name, that of the upper row counts.
+    """
+    header = []
+    spread: Iterator[str] = itertools.accumulate(over, lambda before, cell: cell or before)
+    for own, heading, trial in zip(over, spread, below, strict=True):
+        name, unit = split_header(heading if trial else own)
+        header.append((f"{name} {trial}".strip().lower(), unit))
+    return tuple(header)
+
+
 def _are_units(cells: Sequence[str]) -> bool:
     """Say whether a row has units alone; "No." may be over the numbers of rows."""
     given = [cell.strip("()[] ") for cell in cells if cell.strip("()[] ").lower() not in NO_UNIT]
@@ -351,7 +393,8 @@ def _said_before(rows: list[tuple[str, ...]]) -> tuple[float | None, dict[str, s
             written |= {of: unit for of in quantities if of not in written}
         match = _RATE_IN_WORDS.search(text)
         if match is not None:
-            frequency = frequency or float(match[1].replace(",", "."))
+            thousands = 1e3 if match[2] else 1.0
+            frequency = frequency or thousands * float(match[1].replace(",", "."))
         # Vicon: the rate is alone in the line below "Trajectories" or "Devices".
         is_of_vicon = i and rows[i - 1][:1] in (("Trajectories",), ("Devices",), ("Model Outputs",))
         if is_of_vicon and len(cells) == 1 and re.fullmatch(r"\d+(?:\.\d+)?", cells[0]):

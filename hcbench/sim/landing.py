@@ -270,8 +270,9 @@ def take_off_speed(force: Floats, rising: Floats, step: float) -> float:
 
 # Heights of the lowest point at release, m; the rebound is that from the highest.
 HEIGHTS = (0.02, 0.05, 0.1)
-# Tilts of the base, rad.
+# Tilts of the base, rad, about an axis of the world about which no robot is symmetric.
 TILTS = (0.0, math.radians(5.0))
+TILT_AXIS = (0.6, 0.8, 0.0)
 # Time after release, s; and of a robot that falls over by itself, whose fall is chance.
 SECONDS = 10.2
 SECONDS_TO_FALL = 1.2
@@ -488,7 +489,9 @@ class DropTest(LandingQuantities):
     rebound, spread: mean and largest difference from it over the phases of the flat drops from the
     largest height, m. frequency: of its legs, rad/s, from how far it sags on them; NaN where it
     does not rest. fell: whether it falls over in any drop. diverged: whether a drop has no end; the
-    rebound and the quantities are then infinite. seconds: of each drop.
+    rebound and the quantities are then infinite.
+    seconds: of the longest drops. settled: number of drops that are long enough to show how the
+    robot rests; the quantities of rest are those of these alone.
     """
 
     robot: Robot
@@ -498,6 +501,12 @@ class DropTest(LandingQuantities):
     fell: bool
     diverged: bool
     seconds: float
+    settled: int
+
+    @property
+    def falls(self) -> bool:
+        """True if the robot falls over by itself, so that its touch alone can be compared."""
+        return self.fell or self.seconds <= SECONDS_TO_FALL
 
     @property
     def record(self) -> dict[str, float]:
@@ -549,18 +558,21 @@ class ReboundSettings:
     """Settings that an engine finds for a rebound, each computed when it is asked for.
 
     meeting: settings that have it in some drops, the most promising first. nearest: settings whose
-    rebounds are nearest to it, the nearest first. stiffer: see `Reach`.
+    rebounds are nearest to it, the nearest first, and with which no drop of the search lands worse.
+    trading: settings with a rebound nearer to it than the model's, with which something lands
+    worse, those with the least first. stiffer: see `Reach`.
     advice: sentences on options of the model that spoil every landing.
     """
 
     meeting: Iterable[ModelSetting]
     nearest: Iterable[ModelSetting]
+    trading: Iterable[ModelSetting]
     stiffer: Callable[[], tuple[tuple[float, float], ...]]
     advice: tuple[str, ...] = ()
 
 
 def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: float) -> DropTest:
-    """Join the landings from one or more drops; None for one that diverged. seconds: of each.
+    """Join the landings from one or more drops; None for one that diverged. seconds: of the longest.
 
     The rebound is NaN without flat drops.
     """
@@ -575,6 +587,7 @@ def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: f
             fell=False,
             diverged=True,
             seconds=seconds,
+            settled=0,
         )
     highest = max(drop.height for drop in drops)
     flat = [
@@ -587,7 +600,7 @@ def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: f
     if flat:
         mean = sum(flat) / len(flat)
         spread = max(abs(each - mean) for each in flat)
-    worst = {each.name: max(getattr(one, each.name) for one in landed) for each in QUANTITIES}
+    worst = {each.name: _worst(landed, each.name) for each in QUANTITIES}
     fell = any(one.fell for one in landed)
     sags = [one.sag for one in landed if one.sag > 0.0]
     frequency = math.nan
@@ -603,4 +616,11 @@ def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: f
         fell=fell,
         diverged=False,
         seconds=seconds,
+        settled=sum(not math.isnan(one.rest) for one in landed),
     )
+
+
+def _worst(landed: Iterable[Landed], name: str) -> float:
+    """The largest value of a quantity in the drops that are long enough to show it; NaN without one."""
+    every = [float(getattr(one, name)) for one in landed]
+    return max((value for value in every if not math.isnan(value)), default=math.nan)

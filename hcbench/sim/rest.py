@@ -318,6 +318,8 @@ _SLOPE = math.radians(10.0)
 _OF_FRICTION = 2.0 / 3.0
 # A body rolls if its turning makes up more than this share of its speed.
 _ROLLS = 0.5
+# One that rolls down a slope is faster, m/s: what is slower creeps, and may turn on its place.
+_SLOWEST_ROLL = 1e-3
 
 
 def slope_of(friction: float) -> float:
@@ -335,7 +337,8 @@ def creep_of(drift: float, spin: float, lever: float) -> float:
 
     spin: mean angular speed, rad/s. lever: from its contact point to its centre, m.
     """
-    return math.nan if spin * lever > _ROLLS * drift else drift
+    rolls = drift > _SLOWEST_ROLL and spin * lever > _ROLLS * drift
+    return math.nan if rolls else drift
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     from hcbench.sim.capabilities import TunesModels
     from hcbench.sim.model_under_test import Output, Request
 
-# Whole tests of settings that have the rebound, and of those that come nearest, at most.
+# Whole tests of settings that have the rebound, and of those that come nearest, at most: of these the
+# first are at the edge of what lands no worse.
 _JUDGED = 6
-_NEAREST = 6
+_NEAREST = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,30 +77,33 @@ def tune_landing(
         return every
 
     tried = judged(found.meeting, _JUDGED, lambda one: one.meets(rebound))
-    nearest: list[_Judged] = []
     if not any(one.meets(rebound) for one in tried):
-        nearest = judged(found.nearest, _NEAREST, lambda one: not one.worse)
-    best = next((one for one in [*tried, *nearest] if one.meets(rebound)), None)
+        tried += judged(found.nearest, _NEAREST, lambda one: not one.worse)
+    if not _nearer(tried, before, rebound):
+        # None that was whole comes nearer: one that is not shows the price.
+        tried += judged(found.trading, 1, lambda _: True)
+    best = next((one for one in tried if one.meets(rebound)), None)
     if best is not None:
         change = LandingChange(before, best.test, rebound, advice=found.advice)
         return _tuned(best.setting, change, output)
-    possible = [one.test.rebound for one in [*tried, *nearest] if not one.worse]
+    possible = [one.test.rebound for one in tried if not one.worse]
     reached = min([before.rebound, *possible], key=lambda height: abs(height - rebound))
     reach = Reach(reached, found.stiffer())
     # What comes nearest is printed with all that it makes worse.
-    nearer = [
-        one
-        for one in [*tried, *nearest]
-        if abs(one.test.rebound - rebound) < abs(before.rebound - rebound)
-    ]
-    every = sorted(
-        nearer,
+    nearer = sorted(
+        _nearer(tried, before, rebound),
         key=lambda one: (one.test.diverged, len(one.worse), abs(one.test.rebound - rebound)),
     )
-    if not every:
+    if not nearer:
         return _tuned(None, LandingChange(before, before, rebound, reach, found.advice), output)
-    change = LandingChange(before, every[0].test, rebound, reach, found.advice)
-    return _tuned(every[0].setting, change, output)
+    change = LandingChange(before, nearer[0].test, rebound, reach, found.advice)
+    return _tuned(nearer[0].setting, change, output)
+
+
+def _nearer(tried: Sequence[_Judged], before: DropTest, rebound: float) -> list[_Judged]:
+    """Those whose rebound is nearer to the target, m, than that of the model as it is."""
+    own = abs(before.rebound - rebound)
+    return [one for one in tried if abs(one.test.rebound - rebound) < own]
 
 
 def _tuned(setting: ModelSetting | None, change: LandingChange, output: Output) -> TunedModel:

@@ -61,3 +61,19 @@ def test_a_ball_that_hovers_does_not_bounce() -> None:
     (verdict,) = judge(run(Hovering(), zero), zero)
     assert verdict["verdict"] == "pass"
     assert verdict["worst"]["restitution"][0] == 0.0
+
+
+class InASkin(artificial.Predictive):
+    """Stops a ball, then moves it out of a skin of 5 mm without a velocity, as Box2D does."""
+
+    def _meet(self, before: float) -> None:
+        skin = self.touch + 0.005
+        if self.z + self.v * self.h < skin:
+            self.v = 0.0
+            self.z += 0.2 * max(0.0, skin - self.z)
+
+
+def test_what_moves_a_ball_out_of_a_skin_is_no_bounce() -> None:
+    cases = the_cases(["C01", "C11"])
+    for verdict in judge(run(InASkin(), cases), cases):
+        assert verdict["worst"]["restitution"][0] == pytest.approx(0.0, abs=1e-6)

@@ -129,8 +129,12 @@ CURED: dict[tuple[str, str], int] = {
     ("newton-xpbd", "C06"): 2,
     ("newton-semiimplicit", "C04"): 4,
     ("newton-semiimplicit", "C09"): 5,
+    ("newton-semiimplicit", "C17"): 5,
+    ("newton-semiimplicit", "C18"): 5,
     ("newton-featherstone", "C04"): 6,
     ("newton-featherstone", "C09"): 7,
+    ("newton-featherstone", "C17"): 7,
+    ("newton-featherstone", "C18"): 7,
     ("physx", "C05"): 0,
 }
 

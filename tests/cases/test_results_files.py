@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import hashlib
 import json
 import re
 from typing import Any
@@ -32,9 +33,17 @@ def results() -> list[dict[str, Any]]:
 
 def test_the_schema_file_and_the_page_are_what_the_types_say() -> None:
     assert json.loads(schema.FILE.read_text("utf-8")) == schema.schema()
-    assert (
-        cases_page.PAGE.read_text("utf-8") == cases_page.page()
-    )  # PYTHONPATH=tests/support python -m cases_page
+    for path in (cases_page.PAGE, cases_page.HISTORY):
+        assert path.read_text("utf-8") == cases_page.page(path), (
+            "PYTHONPATH=tests/support python -m cases_page"
+        )
+
+
+def test_the_field_page_has_what_was_measured_and_the_digest_of_its_text() -> None:
+    text = cases_page.FIELD.read_text("utf-8")
+    assert text == cases_page.field_page(), "PYTHONPATH=tests/support python -m cases_page"
+    listed = json.loads(cases_page.FIELD.with_name("hcbench-files.json").read_text("utf-8"))
+    assert listed["files"]["index.html"] == hashlib.sha256(text.encode()).hexdigest()
 
 
 def test_every_field_has_a_type_and_a_meaning() -> None:

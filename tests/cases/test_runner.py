@@ -8,6 +8,7 @@ import ast
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from importlib.metadata import version
@@ -178,7 +179,7 @@ def test_without_its_package_an_engine_author_needs_two_files(tmp_path: Path) ->
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     tree = ElementTree.parse(tmp_path / "j.xml")
-    assert len(list(tree.iter("testcase"))) == 2 * 17  # with the best known settings, and stock
+    assert len(list(tree.iter("testcase"))) == 2 * 18  # with the best known settings, and stock
     skipped = {case.get("classname") for case in tree.iter("testcase") if len(case)}
     assert skipped == {"hcbench-cases.mujoco", "hcbench-cases.mujoco-stock"}
     assert not list(tree.iter("failure"))
@@ -209,10 +210,32 @@ def test_an_engine_that_aborts_costs_its_own_case_and_an_error_is_told_once(
     assert done.returncode == 1
     assert done.stderr.count("TypeError: no colliders (adapter.py, line 7)") == 1
     (results,) = json.loads((tmp_path / "out.json").read_text("utf-8"))
-    assert len(results["runs"]) == 17
+    assert len(results["runs"]) == 18
     aborted = {case for case, runs in results["runs"].items() if "ended with" in runs[0]["error"]}
-    assert aborted == {"C07", "C08", "C14", "C17"}  # those of several bodies
-    assert len(list(ElementTree.parse(tmp_path / "j.xml").iter("failure"))) == 17
+    assert aborted == {"C07", "C08", "C14", "C17", "C18"}  # those of several bodies
+    assert len(list(ElementTree.parse(tmp_path / "j.xml").iter("failure"))) == 18
+
+
+ENDS_ITS_RUNNER = """\
+import os, signal
+class Engine:
+    name, version, combine = "mine", "1", None
+    def make(self, world):
+        if world["gravity"][2]:
+            os.kill(os.getppid(), signal.SIGKILL)
+        raise NotImplementedError("no balls")
+ENGINES = [Engine]
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no SIGKILL")
+def test_a_runner_that_is_killed_leaves_the_cases_before(tmp_path: Path) -> None:
+    done = runner(tmp_path, ENDS_ITS_RUNNER, "--out", "out.json", "--junit", "j.xml")
+    assert done.returncode == -signal.SIGKILL
+    (results,) = json.loads((tmp_path / "out.json").read_text("utf-8"))
+    assert [*results["runs"]] == ["C01"]  # the next one has gravity
+    (case,) = ElementTree.parse(tmp_path / "j.xml").iter("testcase")
+    assert case.get("name", "").startswith("C01 ")
 
 
 HANGS = """\
@@ -240,8 +263,8 @@ def test_an_engine_that_hangs_costs_its_own_case_and_the_limit_is_named(tmp_path
         for case, runs in results["runs"].items()
         if runs[0]["error"] == "took longer than --limit, 2 s"
     }
-    assert late == {"C07", "C08", "C14", "C17"}  # those of several bodies
-    assert len(results["runs"]) == 17
+    assert late == {"C07", "C08", "C14", "C17", "C18"}  # those of several bodies
+    assert len(results["runs"]) == 18
 
 
 def test_an_engine_whose_start_hangs_ends_the_run(tmp_path: Path) -> None:
@@ -293,6 +316,9 @@ def test_a_vendored_folder_is_small_and_its_test_runs_alone(tmp_path: Path) -> N
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert "skipped=1" in done.stderr  # stock MuJoCo has no restitution
     assert done.returncode == 0, done.stderr
+    by_pytest = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir=."]
+    done = subprocess.run(by_pytest, cwd=folder, capture_output=True, text=True, check=False)
+    assert "1 passed, 1 skipped" in done.stdout
 
 
 def test_a_symptom_is_asked_of_its_case_alone(capsys: pytest.CaptureFixture[str]) -> None:

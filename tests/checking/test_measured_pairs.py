@@ -18,7 +18,7 @@ from hcbench.system.files import MOST_BYTES
     ("text", "words"),
     [
         ("", "is empty"),
-        ("# only a remark\n", "has no numbers"),
+        ("# only a remark\n", "has no rows of numbers"),
         ("speed,restitution\n1,0.9\n", "names no unit"),
         ("1,0.9\n2,0.8\n", "expected a header"),
         ("speed [kg],restitution\n1,0.9\n", "'kg' under 'speed' is not such a unit"),

@@ -12,7 +12,9 @@ from measured_bounces import synthesise, write
 from scipy.integrate import solve_ivp
 from scipy.signal import butter, lfilter
 
+import hcbench as hb
 from hcbench.cli import run
+from hcbench.system.errors import UserError
 
 K, N, ALPHA, MASS = 3e7, 1.5, 0.3, 0.45
 
@@ -61,6 +63,25 @@ def test_force_over_time_gives_stiffness_exponent_and_alpha(
     assert "mass" in capsys.readouterr().err
     assert run(["fit", path, "--mass", "0.45 kg", "--speed", "0.3 m/s"]) == 2
     assert "impulse" in capsys.readouterr().err
+
+
+def test_a_push_of_most_of_its_record_has_its_zero_at_the_ends(tmp_path: Path) -> None:
+    """A push longer than the quiet about it: the median of the record lies in the push."""
+    *_, force = pushed(0.8)
+    last = int(np.flatnonzero(force)[-1])
+    noise = 2e-3 * force.max() * np.random.default_rng(2).standard_normal(last + 40)
+    record = 3.0 + np.concatenate([np.zeros(20), force[: last + 20]]) + noise
+    text = "".join(f"{1e-5 * i:.5f},{f:.3f}\n" for i, f in enumerate(record))
+    (tmp_path / "push.csv").write_text(f"mass of ball,450 g\n\ntime [s],force [N]\n{text}")
+    found = hb.fit_force(tmp_path / "push.csv", mass=MASS, speed=0.8)
+    assert found.alpha_interval[0] < ALPHA < found.alpha_interval[1] < 1.5 * ALPHA
+    with pytest.raises(UserError, match="'mass of ball,450 g': give mass '450 g'"):
+        hb.fit_force(tmp_path / "push.csv", speed=0.8)
+    # Cut within the push, the ends say nothing of the zero.
+    cut = "".join(f"{1e-5 * i:.5f},{f:.3f}\n" for i, f in enumerate(record[60:-60]))
+    (tmp_path / "push.csv").write_text(f"time [s],force [N]\n{cut}")
+    with pytest.raises(UserError, match=r"quiet|push"):
+        hb.fit_force(tmp_path / "push.csv", mass=MASS, speed=0.8)
 
 
 def test_force_over_penetration_gives_stiffness_exponent_and_alpha(

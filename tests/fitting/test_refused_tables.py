@@ -85,8 +85,7 @@ DOWN = "0,80.0\n1,51.2\n2,32.8\n3,21.0\n4,13.4\n5,8.6\n"
     "header",
     [
         *("n,2h (cm)", "n,100 h (m)", "n,10 h (cm)", "n,h/2 (cm)", "n,height (cm)/2"),
-        *("n,height*2 (cm)", "n,h×10 (cm)", "n,h - 5 (cm)", "n,h+6 (cm)", "n,h / 10^-2 m"),
-        *("n,height / 0.1 m", "n,1 - h (m)"),
+        *("n,height*2 (cm)", "n,h×10 (cm)", "n,h - 5 (cm)", "n,h+6 (cm)", "n,1 - h (m)"),
     ],
 )
 def test_a_name_that_computes_is_no_name_of_the_quantity(tmp_path: Path, header: str) -> None:

@@ -7,6 +7,7 @@ here; `make test-all` fits as many as the page has, and compares its table.
 from __future__ import annotations
 
 from collections import Counter
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -118,6 +119,37 @@ def test_the_air_of_a_light_ball_is_not_given_as_alpha() -> None:
     assert fit([TouchTimes("t", given, read)]).law == "constant"
 
 
+def light_ball(law: synthesise.Law, noise: float) -> TouchTimes:
+    """Times of a table tennis ball, to within `noise` s."""
+
+    def fly(launch: float) -> tuple[float, float]:
+        return synthesise.flight_in_air(launch, 2.7e-3, 0.04, 0.47)
+
+    rng = np.random.default_rng(1)
+    aloft = [one for _, _, one in islice(synthesise.flights(law, 3.0, 3e-3, rng, fly), 9)]
+    times = np.cumsum([0.0, *aloft])
+    return TouchTimes("t", EXACT, times + noise * rng.standard_normal(len(times)))
+
+
+@pytest.mark.parametrize("alpha", [0.03, 0.1, 0.14])
+@pytest.mark.parametrize("noise", [2e-4, 1e-3])
+def test_the_interval_of_a_light_balls_alpha_reaches_to_what_the_air_leaves(
+    alpha: float, noise: float
+) -> None:
+    found = fit([light_ball(synthesise.hunt_crossley(alpha), noise)])
+    assert found.alpha is not None and found.alpha.low < alpha < found.alpha.value
+    # Precise times contradict the law in a vacuum.
+    if noise < 1e-3:
+        assert found.law is None and "law in the air of a light ball" in found.reservation
+
+
+# Light balls of a constant e, filmed and read by height.
+@pytest.mark.parametrize("seed", [1024, 1141])
+def test_a_constant_restitution_spans_that_in_air(tmp_path: Path, seed: int) -> None:
+    verdict = judged(strange(seed), tmp_path)
+    assert verdict.outcome == "right" and verdict.held, verdict.note
+
+
 def test_a_heavy_ball_keeps_its_law_without_its_mass() -> None:
     for alpha in (0.15, 0.4):
         found = fit([TouchTimes("t", EXACT, times_of(synthesise.hunt_crossley(alpha), 1))])
@@ -195,8 +227,8 @@ def test_the_pages_table_of_disturbed_tables_holds(tmp_path: Path) -> None:
     verdicts = [judged(one, tmp_path) for one in tables(400, 1000)]
     is_as_published("tables", [verdict.outcome for verdict in verdicts])
     held = [verdict.held for verdict in verdicts if verdict.held is not None]
-    assert abs(len(held) - 261) <= 3 and sum(held) >= 240
-    assert "in 243 of 261 tables" in " ".join(PAGE.read_text(encoding="utf-8").split())
+    assert abs(len(held) - 267) <= 3 and sum(held) >= 249
+    assert "in 252 of 267 tables" in " ".join(PAGE.read_text(encoding="utf-8").split())
 
 
 @long_study

@@ -84,9 +84,32 @@ def test_a_tilt_or_a_moving_plate_refuses_heights(tmp_path: Path, line: str) -> 
         read(tmp_path / "data.txt", f"# {line}\n{HEIGHTS}")
 
 
+@pytest.mark.parametrize(
+    "line",
+    ["camera tilt 3°", "tilt of the phone: 4 deg", "Kamera um 3° geneigt", "camera_tilt_deg: 2.5"],
+)
+def test_a_tilted_camera_changes_no_fall(tmp_path: Path, line: str) -> None:
+    assert read(tmp_path / "data.txt", f"# {line}\n{HEIGHTS}") == 1
+    with pytest.raises(UserError, match="vertical fall"):
+        read(tmp_path / "data.txt", f"# {line}, plate tilted by 2 degrees\n{HEIGHTS}")
+    with pytest.raises(UserError, match="vertical fall"):
+        read(tmp_path / "data.txt", f"# camera on a plate tilted by 3°\n{HEIGHTS}")
+
+
 @pytest.mark.parametrize("line", ["tilt 0.0 deg", "initial speed 0 m/s", "shaker off", "2 ramps"])
 def test_nothing_of_it_refuses_nothing(tmp_path: Path, line: str) -> None:
     assert read(tmp_path / "data.txt", f"# {line}\n{DROPS}") == 1
+
+
+@pytest.mark.parametrize("line", ["read at every second bounce", "jeder zweite Sprung gemessen"])
+def test_bounces_that_are_left_out_refuse_heights_without_numbers(
+    tmp_path: Path, line: str
+) -> None:
+    heights = "".join(f"{h:.1f}\n" for h in H)
+    with pytest.raises(UserError, match="each bounce"):
+        read(tmp_path / "data.txt", f"# {line}\nheight (cm)\n{heights}")
+    numbered = "".join(f"{2 * i + 1},{h:.1f}\n" for i, h in enumerate(H))
+    assert read(tmp_path / "data.txt", f"# {line}\nbounce,height (cm)\n{numbered}") == 1
 
 
 def test_a_throw_refuses_where_the_drop_counts(tmp_path: Path) -> None:

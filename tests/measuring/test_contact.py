@@ -14,6 +14,7 @@ import pytest
 from hcbench.measuring import measure
 from hcbench.measuring.contact import ContactMeaning, as_lines, spring_and_damper
 from hcbench.measuring.text import as_text
+from hcbench.sim.rest import creep_of
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -104,6 +105,12 @@ def test_creep_is_that_of_the_friction_constraint() -> None:
 
 def test_a_ball_that_rolls_down_a_slope_does_not_creep() -> None:
     assert math.isnan(meaning(text(BALL, f'friction=".5" {CONSTANT}')).carried.creep)
+
+
+def test_what_turns_on_its_place_creeps_and_what_rolls_down_does_not() -> None:
+    assert creep_of(5e-5, spin=3e-3, lever=0.01) == 5e-5
+    assert math.isnan(creep_of(0.5, spin=30.0, lever=0.02))
+    assert creep_of(0.5, spin=1.0, lever=0.02) == 0.5
 
 
 def test_a_landing_peaks_as_in_a_loop_of_plain_mujoco() -> None:

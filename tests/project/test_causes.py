@@ -21,7 +21,7 @@ MIXED = {
         f"promised-{name}" for name in ("timestep", "integrator", "cone", "impratio")
     ),
 }
-NO_CAUSE = {"restitution"}  # a fix alone, of another module
+NO_CAUSE = {"feet", "restitution"}  # fixes alone, of other modules
 
 
 def codes(tree: ast.Module) -> Iterator[str]:

@@ -83,9 +83,9 @@ NUMBERS = [
     ("balls touch for 0.2 ms", "docs/explanation/engines.md", "balls touch for 0.2 ms"),
     ("gives 0.899 ... 1.057", "docs/explanation/models.md", "| `mujoco_docs.xml` | 0.899 ... 1.057 |"),
     ("from 0.000 to 1.013", "docs/explanation/models.md", "| `bullet.py:wall` | 0.000 ... 1.013 |"),
-    ("Seventeen bounces", "docs/reference/cases.md", "[seventeen cases]"),
-    ("MuJoCo 4.0.0 passes 16 of 17", "docs/reference/cases.md", r"^\| mujoco \| 4\.0\.0 \|.*\| 16 of 17 \|"),
-    ("PyBullet 3.2.7 passes 17 of 17", "docs/reference/cases.md", r"^\| pybullet \| 3\.2.*\| 17 of 17 \|"),
+    ("Eighteen bounces", "docs/reference/cases.md", "[eighteen cases]"),
+    ("MuJoCo 4.0.0 passes 17 of 18", "docs/reference/cases.md", r"^\| mujoco \| 4\.0\.0 \|.*\| 17 of 18 \|"),
+    ("PyBullet 3.2.7 passes 18 of 18", "docs/reference/cases.md", r"^\| pybullet \| 3\.2.*\| 18 of 18 \|"),
     ("1718 impacts", "hcbench/reality/data/README.md", "1718 impacts"),
 ]  # fmt: skip
 

@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import mujoco
-from robot_landings import ROBOTS, Robot, is_named_foot, path_of
+from outside_models import found_file
+from robot_landings import GRAVITY, ROBOTS, Robot, is_named_foot, path_of
 
 import hcbench as hb
 from hcbench.engines.mujoco.model.bodies import can_meet
+from hcbench.workers.process import processor_seconds
 
 if TYPE_CHECKING:
     from hcbench.tuning.tuned_model import TunedModel
@@ -23,6 +25,28 @@ PAGE = Path(__file__).parents[2] / "docs" / "reference" / "robots.md"
 BEGIN, END = "<!-- begin robots -->\n", "<!-- end robots -->"
 _WALKS = "mujoco_playground/_src/locomotion"
 _FLAT = "xmls/scene_mjx_feetonly_flat_terrain.xml"
+_LEGS = ("FR", "FL", "RR", "RL")
+
+
+@dataclass(frozen=True)
+class BulletRobot:
+    """A URDF that PyBullet drops on its plane.urdf. feet: names of links. pose: of joints, rad."""
+
+    name: str
+    file: str
+    feet: tuple[str, ...]
+    pose: tuple[tuple[str, float], ...] = ()
+
+
+_DATA = "pybullet_data"
+_TOES = tuple(f"{leg}_toe" for leg in _LEGS)
+# Its legs are straight, and land on their shanks too.
+_SHANKS = tuple(f"{part}_{leg}" for part in ("toe", "shank") for leg in ("fr", "fl", "hr", "hl"))
+_BENT = tuple(
+    (f"{leg}_{joint}_joint", angle)
+    for leg in _LEGS
+    for joint, angle in (("upper", 0.9), ("lower", -1.8))
+)
 TUNED = (
     *ROBOTS,
     Robot("dm_control dog", "dm_control/suite/dog.xml", "foot_.*|hand_.*|paw.*"),
@@ -34,6 +58,9 @@ TUNED = (
     Robot("playground OP3", f"{_WALKS}/op3/xmls/scene_mjx_feetonly.xml", ".*foot.*"),
     Robot("playground Spot", f"{_WALKS}/spot/xmls/scene_mjx_flat_terrain.xml", "FL|FR|HL|HR"),
     Robot("playground T1", f"{_WALKS}/t1/{_FLAT}", ".*foot.*"),
+    BulletRobot("pybullet_data A1", f"{_DATA}/a1/a1.urdf", _TOES, _BENT),
+    BulletRobot("pybullet_data Aliengo", f"{_DATA}/aliengo/aliengo.urdf", _TOES, _BENT),
+    BulletRobot("pybullet_data Mini Cheetah", f"{_DATA}/mini_cheetah/mini_cheetah.urdf", _SHANKS),
 )
 TARGETS = (0.0, 5e-3, 20e-3)  # m
 
@@ -42,20 +69,33 @@ TARGETS = (0.0, 5e-3, 20e-3)  # m
 class Answer:
     """Answer of `tune` for a robot and a target, m. cpu: s."""
 
-    robot: Robot
+    robot: Robot | BulletRobot
     target: float
     tuned: TunedModel
     cpu: float
 
 
-def answer(robot: Robot, target: float) -> Answer:
+def answer(robot: Robot | BulletRobot, target: float) -> Answer:
     """Tune the feet of a robot; an e of 0 in place of a rebound of 0."""
-    spec = without_meshes(robot)
-    feet = feet_of(robot, spec)
     asked: dict[str, Any] = {"rebound": target} if target else {"restitution": 0.0}
-    start = time.process_time()
-    tuned = hb.tune_model(spec, feet, **asked)
-    return Answer(robot, target, tuned, time.process_time() - start)
+    source: Any
+    if isinstance(robot, BulletRobot):
+        floor = found_file("pybullet_data/plane.urdf")
+        source = [str(found_file(robot.file)), str(floor)]
+        feet = [f"{foot},{floor.name}" for foot in robot.feet]
+        asked |= {"gravity": GRAVITY, "qpos": dict(robot.pose)}
+    else:
+        source = without_meshes(robot)
+        feet = feet_of(robot, source)
+    start = _processor_time()
+    tuned = hb.tune_model(source, feet, **asked)
+    return Answer(robot, target, tuned, _processor_time() - start)
+
+
+def _processor_time() -> float:
+    """Processor time of this process and its workers, s."""
+    children = Path("/proc/thread-self/children").read_text(encoding="ascii").split()
+    return time.process_time() + sum(processor_seconds(int(number)) for number in children)
 
 
 def feet_of(robot: Robot, spec: Any) -> list[str]:
@@ -111,7 +151,7 @@ def row(of: Answer) -> list[str]:
     was, now = change.before, change.after
     said = of.tuned.name if of.tuned.gains else "refused"
     largest = "" if change.reach is None else f"{1e3 * change.reach.rebound:.3g}"
-    falls = " (falls)" if was.fell or was.seconds < 2.0 else ""
+    falls = " (falls)" if was.falls else ""
     return [
         f"{of.robot.name}{falls}",
         f"{1e3 * of.target:g}",

@@ -494,7 +494,7 @@ class MujocoEngine(
         self, source: Any, requests: Sequence[Request], before: DropTest, rebound: float
     ) -> ReboundSettings:
         """<pair> elements of one spring for all feet."""
-        from hcbench.engines.mujoco.model.rebound_search import rebound_settings
+        from hcbench.engines.mujoco.model.foot_springs import rebound_settings
 
         return rebound_settings(_one_file(source), requests, before, rebound)
 

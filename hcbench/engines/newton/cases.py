@@ -10,20 +10,15 @@ import newton
 import numpy as np
 import warp
 
-# Of a contact, in m/h² and m/h: the damper of 1 stops a body in a step. SemiImplicit and Featherstone
-# are unstable beyond.
-GAINS = {
-    "newton-vbd": (1e3, 0.0),
-    "newton-semiimplicit": (0.9, 1.0),
-    "newton-featherstone": (0.9, 1.0),
-}
-
 
 class NewtonBodies:
     """Bodies in one of Newton's solvers. gains: stiffness, m/h², and damping, m/h, by its name."""
 
     version = newton.__version__
-    gains = GAINS
+    # Of a contact, in m/h² and m/h: the damper of 1 stops a body in a step. SemiImplicit and
+    # Featherstone are unstable beyond.
+    gains = dict.fromkeys(("newton-semiimplicit", "newton-featherstone"), (0.9, 1.0))
+    gains["newton-vbd"] = (1e3, 0.0)
 
     def __init__(
         self, solver: str, combine: str | None, options: dict[str, Any], suffix: str = ""
@@ -86,7 +81,8 @@ class NewtonBodies:
         if self.name not in self.gains:
             return {}
         moving = [body for body in world["bodies"] if not body.get("fixed")]
-        points = 1 if all(body["shape"] == "sphere" for body in moving) else 4
+        # Points that share the load of a contact.
+        points = max({"sphere": 1, "box": 4, "mesh": 32}[b["shape"]] for b in world["bodies"])
         stops = min(body["mass"] for body in moving) / (self.h * points)
         stiffness, damping = self.gains[self.name]
         return {"ke": stiffness * stops / self.h, "kd": damping * stops, "kf": 0.5 * stops}
@@ -129,7 +125,7 @@ class NewtonBodies:
     def start(self) -> None:
         """Start all worlds added since, with one step captured as a graph."""
         self.builder.color()
-        model = self.builder.finalize()
+        self.model = model = self.builder.finalize()
         self.begin()  # for the worlds to come
         self.worlds = model.world_count
         # Contacts that there is room for: Newton's default is 1000 for one world.
@@ -137,10 +133,16 @@ class NewtonBodies:
         self.stepper = self.solver(model, **self.options)
         self.at, self.after = model.state(), model.state()
         newton.eval_fk(model, model.joint_q, model.joint_qd, self.at)
+        self.capture()
+
+    def capture(self) -> None:
         with warp.ScopedCapture() as self.captured:
-            self.contacts = model.collide(self.at)
-            self.stepper.step(self.at, self.after, None, self.contacts, self.h)
-            self.at.assign(self.after)
+            self.step_once()
+
+    def step_once(self) -> None:
+        self.contacts = self.model.collide(self.at)
+        self.stepper.step(self.at, self.after, None, self.contacts, self.h)
+        self.at.assign(self.after)
 
     def step(self) -> None:
         warp.capture_launch(self.captured.graph)

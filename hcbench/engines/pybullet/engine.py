@@ -43,10 +43,11 @@ from hcbench.terms.setting import PAIR
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
+    from hcbench.engines.pybullet.model.open import LoadedWorld
     from hcbench.engines.pybullet.model.under_test import PybulletModel
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.capabilities import VariedContact
-    from hcbench.sim.landing import DropPlan, Landings
+    from hcbench.sim.landing import DropPlan, DropTest, Landings, ReboundSettings
     from hcbench.sim.model_under_test import CandidatePair, ModelSetting, Request
     from hcbench.sim.promise import Promise
     from hcbench.sim.touch import TrajectoryTouchdowns
@@ -247,6 +248,30 @@ class PybulletEngine(
 
         return land_in(source, request, drops, rebuild)
 
+    def landing(
+        self, source: Any, requests: Sequence[Request], like: DropTest | None = None
+    ) -> DropTest:
+        """Drop a robot of joints with a free base over the fixed bodies of its world.
+
+        source: files, a `World`, a client, or one of these with a setting. requests, like: as of
+        `TunesModels`. Raises UserError where the pairs are not of a robot that can fall.
+        """
+        from hcbench.engines.pybullet.model.drop_test import ChangedWorld, WorldDropBench
+
+        if isinstance(source, ChangedWorld):
+            bench = WorldDropBench(source.build(), requests, source.apply)
+        else:
+            bench = WorldDropBench(_opened(source, requests), requests)
+        return bench.whole_test(like)
+
+    def rebound_settings(
+        self, source: Any, requests: Sequence[Request], before: DropTest, rebound: float
+    ) -> ReboundSettings:
+        """One spring of contactStiffness and contactDamping for all feet."""
+        from hcbench.engines.pybullet.model.foot_springs import rebound_settings
+
+        return rebound_settings(lambda: _opened(source, requests), requests, before, rebound)
+
     def touchdowns(
         self, source: Any, request: Request, recorded: Mapping[str, Floats]
     ) -> TrajectoryTouchdowns:
@@ -262,3 +287,11 @@ class PybulletEngine(
         note = f"{contact.at}; on one body, 1 on the other"
         value = SystemValue("PyBullet", "restitution", (contact.restitution,), "", note)
         return Vocabulary((value,), caveats=(_CAVEAT,))
+
+
+def _opened(source: Any, requests: Sequence[Request]) -> LoadedWorld:
+    """The world of files, a `World` or a client. Raises SceneError for files that do not load."""
+    from hcbench.engines.pybullet.model.under_test import loaded
+
+    world, _ = loaded(source, None, requests[0].packages)
+    return world

@@ -11,7 +11,7 @@ from contextlib import closing, nullcontext
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, cast
 
-from hcbench.cases.score import EngineScore, regressions
+from hcbench.cases.score import EngineScore, newest, regressions
 from hcbench.reporting import wording
 from hcbench.reporting.field.view import CONSTANT, NO_BOUNCE, OWN, PLUGIN, SETTINGS, STOCK, Case
 from hcbench.reporting.ranking import LOOP_NEAR
@@ -508,6 +508,7 @@ _VERDICTS = {
 # Fate of the restitution that is asked for: in a cell, its grade, and in a sentence.
 _OBEDIENCE = {
     "obeyed": ("obeyed", "good", "obeyed by {}"),
+    "soft": ("soft", "even", "obeyed deep in the floor by {}"),
     "threshold": ("above {}", "even", "obeyed above some speed by {}"),
     "mixed": ("in part", "bad", "obeyed in part by {}"),
     "ignored": ("ignored", "bad", "ignored by {}"),
@@ -533,15 +534,12 @@ class CaseTable:
 
 
 def case_table(scores: Sequence[EngineScore]) -> CaseTable:
-    """The table of the engines that were measured: those that pass most
-    first, versions in their order.
+    """The table of the engines that were measured, in their newest version: those that pass most
+    first.
 
     scores: of one engine in one version each, as `cases.score.measured` gives them.
     """
-    most: dict[str, int] = {}
-    for one in scores:
-        most[one.engine] = max(one.passed, most.get(one.engine, 0))
-    ranked = sorted(scores, key=lambda one: (-most[one.engine], one.engine))
+    ranked = sorted(newest(scores), key=lambda one: (-one.passed, one.engine))
     titles: dict[str, str] = {}
     why: dict[str, dict[str, str]] = {}
     for one in ranked:
@@ -565,15 +563,10 @@ def _title(one: EngineScore) -> str:
 
 
 def _sentence(scores: Sequence[EngineScore]) -> str:
-    """Sentence that sorts the engines, in the last version of each, by their obedience to a set
-    restitution.
-
-    scores: versions of an engine in their order, the last one counts.
-    """
-    last = {one.engine: one for one in scores}
+    """Sentence that sorts engines, each in one version, by their obedience to a set restitution."""
     parts = []
     for word, (_, _, phrase) in _OBEDIENCE.items():
-        engines = [_title(one) for one in last.values() if one.restitution == word]
+        engines = [_title(one) for one in scores if one.restitution == word]
         if engines:
             parts.append(phrase.format(listed(engines)))
     return f"The restitution that is set is {'; '.join(parts)}."

@@ -72,9 +72,7 @@ def test_what_bounces_comes_faster_and_goes_no_deeper_than_on_native_contact_at_
 
 
 @pytest.mark.parametrize(("seed", "depth"), [(186, 171), (367, 74), (1191, 76)])
-def test_a_body_that_starts_inside_another_is_named(
-    seed: int, depth: int
-) -> None:
+def test_a_body_that_starts_inside_another_is_named(seed: int, depth: int) -> None:
     made = make(design(2000)[seed], seed)
     warned: list[str] = []
     mujoco.set_mju_user_warning(warned.append)

@@ -14,8 +14,6 @@ import numpy as np
 import pytest
 from plugin_options import CONES, INTEGRATORS, at_rest
 
-from hcbench.contact import mujoco as contact
-
 LONG = "HCBENCH_PLUGINS" in os.environ
 PAGE = Path(__file__).parents[3] / "docs" / "reference" / "plugins.md"
 

@@ -101,6 +101,18 @@ _TABLES = (
     b"height [cm]\n30\n22\n17\n13.5\n11\n9.2\n7.8\n",
     b"time [s]\n0\n0.443\n0.842\n1.201\n1.524\n1.815\n",
     b"time [s],force [N]\n" + b"".join(b"%g,%g\n" % (i * 1e-5, max(0.0, 9 - (i - 20) ** 2)) for i in range(60)),
+    b"bounce,Height (cm),\n,Trial 1,Trial 2\n1,61,60.2\n2,39.1,38.2\n3,25.5,25\n4,17,16.5\n",
+    b"<table><tr><th colspan=2>t / 10^-2 s</th></tr><tr><td>1</td><td>0</td></tr><tr><td>2</td><td>44.3</td></tr>"
+    b"<tr><td>3</td><td>84.2</td></tr><tr><td>4</td><td>120.1</td></tr><tr><td>5</td><td>152.4</td></tr></table>",
+    b'<runs unit="cm/s"><run n="1"><vor>310</vor><nach>250</nach></run>\n<run n="2"><vor>250</vor><nach>205'
+    b'</nach></run>\n<run n="3"><vor>205</vor><nach>170</nach></run></runs>',
+    b'{"nbformat": 4, "cells": [{"source": ["# 48 kHz"]}, {"source": "onsets  # sample index", "outputs": [{"text":'
+    b' ["[35089 44263 51140 56651 61273 65232]"]}]}]}',
+    b"08:15:02.113 bounce 1: t = 3719 ms\n08:15:02.6 bounce 2: t = 4161 ms\n08:15:03 bounce 3: t = 4560 ms\n"
+    b"08:15:03.4 bounce 4: t = 4919 ms\n",
+    b"# gravity: (0, 0, -1.62), camera tilt 3 deg\ndrops:\n  - drop: 1.0 m\n    rebound: 61 cm\n  - drop: 0.8 m\n"
+    b"    rebound: 50 cm\n  - drop: 0.6 m\n    rebound: 38 cm\n",
+    b"INSERT INTO t (n, height_mm) VALUES (1, 610), (2, 391), (3, 255), (4, 170);\n",
     b"speed [m/s],restitution\n0.1,0.95\n0.3,0.9\n0.5,0.86\n0.8,0.8\n1.1,0.75\n",
 )  # fmt: skip
 

@@ -25,16 +25,12 @@ from hcbench.engines.mujoco.model.over_floor import (
 )
 from hcbench.engines.mujoco.model.start_pose import start_pose
 from hcbench.engines.mujoco.model.write_pairs import label_of, spec_of
+from hcbench.sim.drop_test import DropBench, DropMotion, DroppedRobot
 from hcbench.sim.landing import (
     DROPS,
-    FALLEN,
     HEIGHTS,
-    LATE_S,
-    PARTED_S,
-    REST_SPEED,
-    SECONDS,
     SECONDS_TO_FALL,
-    TAIL_S,
+    TILT_AXIS,
     DropTest,
     Landed,
     Robot,
@@ -46,17 +42,11 @@ from hcbench.sim.rest import LandingPeak
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
     from hcbench.sim.model_under_test import Request
     from hcbench.terms.impact import Floats
 
-# Axis in the world about which a free base is tilted: no axis of symmetry of a robot.
-_TILT_AXIS = np.array([0.6, 0.8, 0.0])
 # Share of its range by which a joint that is beyond a limit is bent into it.
 _WITHIN_LIMITS = 0.05
-# A centre of mass that is farther from its start, m, has diverged.
-_FARTHEST = 50.0
 # MuJoCo's contact sensor (XML reference, sensor/contact): bits of what it reads, 1 for the force and
 # 3 for the distance; how it joins contacts, 3 to the net force in the world and 1 to the least
 # distance; how many results.
@@ -105,52 +95,7 @@ class _SensorColumns:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class _DropMotion:
-    """A drop as its sensors show it, SI: a row for the start of each of n steps.
-
-    height, (n,): of the centre of mass along the vertical. along_floor, (n, 3): its place without
-    that height. velocity, (n, 3): of the centre.
-    force, (n,): of the floor, upwards. distance, (n,): of the deepest point to the floor, below 0
-    inside. energy, (n,): of the robot, its servos counted as springs.
-    touch: number of the first step in which the floor pushes.
-    flights: (first step, step after the last) of each time after the touch in which the whole robot
-    is off the floor for longer than chatter.
-    """
-
-    height: Floats
-    along_floor: Floats
-    velocity: Floats
-    force: Floats
-    distance: Floats
-    energy: Floats
-    touch: int
-    flights: list[tuple[int, int]]
-
-
-@dataclass(frozen=True, slots=True)
-class _Settling:
-    """The end of a drop; NaN and false for a drop that is too short to settle.
-
-    rest: time from the touch until it lies still, s, infinite if it does not. sink: of the deepest
-    point into the floor, m. travel: along the floor since the touch, m.
-    creep: mean speed along the floor in the end, m/s. vibration: rms of the centre's velocity about
-    its mean there, m/s. late: number of flights that begin after LATE_S.
-    sag: lowering of the centre since the touch that is not sink, m. fell: whether the robot fell
-    over.
-    """
-
-    rest: float = math.nan
-    sink: float = math.nan
-    travel: float = math.nan
-    creep: float = math.nan
-    vibration: float = math.nan
-    late: float = math.nan
-    sag: float = math.nan
-    fell: bool = False
-
-
-class DropBench:
+class ModelDropBench(DropBench):
     """A robot over its floor, whose contacts a search may change in `model` between tests.
 
     spec: of the whole model; a copy of it is changed. label: what to call it. requests: of pairs of
@@ -200,7 +145,10 @@ class DropBench:
         self._falls_by = falling_joint(self.model, root, self._over_floor.up)
         # MuJoCo's full state at release, (nstate,).
         self._released: dict[RobotDrop, Floats] = {drop: self._release(drop) for drop in DROPS}
-        self._height_at_touch = self._measured_height()
+        over_floor = self._over_floor
+        self._dropped = DroppedRobot(
+            self.timestep, self.gravity, over_floor.up, over_floor.weight, self._measured_height()
+        )
 
     def _described(self, label: str, controller: str) -> Robot:
         """The robot as results name it. label: of its model. controller: in words."""
@@ -275,8 +223,7 @@ class DropBench:
         """Simulate and read one drop, `seconds` long; None where it diverges, or never touches the
         floor.
 
-        drop: one of those whose release is known. The result is of `_judged`. MuJoCo's fatal errors
-        pass.
+        drop: one of those whose release is known. MuJoCo's fatal errors pass.
         """
         mujoco = backend()
         steps = round(seconds / self.timestep)
@@ -294,94 +241,26 @@ class DropBench:
         is_whole = abs(lasted - (steps - 1) * self.timestep) < 0.5 * self.timestep
         if not (is_whole and np.isfinite(sensors).all()):
             return None
-        motion = self._motion(state, sensors[0])
-        return None if motion is None else self._judged(motion, drop)
+        return self._dropped.landed(self._motion(state, sensors[0]), drop.height)
 
-    def _motion(self, state: Floats, sensors: Floats) -> _DropMotion | None:
-        """The motion that a rollout shows; None where the robot flies off or never touches the floor.
+    def _motion(self, state: Floats, sensors: Floats) -> DropMotion:
+        """The motion that a rollout shows.
 
         state: MuJoCo's full state after each step, (n, nstate). sensors: their data, (n, nsensor).
         """
         columns = self._columns
-        up = self._over_floor.up
-        centre = sensors[:, columns.centre : columns.centre + 3]
         upward = np.zeros(len(sensors))
         distance = np.zeros(len(sensors))
         for floor in columns.floors:
-            upward += sensors[:, floor : floor + 3] @ up
+            upward += sensors[:, floor : floor + 3] @ self._over_floor.up
             distance = np.minimum(distance, sensors[:, floor + 3])
-        # Upwards on the robot or downwards on the floor, by the order of the two: its size counts.
-        force = np.abs(upward)
-        pushes = force > 0.0
-        if np.abs(centre - centre[0]).max() > _FARTHEST or not pushes.any():
-            return None
-        touch = int(np.argmax(pushes))
-        height = centre @ up
-        return _DropMotion(
-            height=height,
-            along_floor=centre - np.outer(height, up),
+        return DropMotion(
+            centre=sensors[:, columns.centre : columns.centre + 3],
             velocity=sensors[:, columns.velocity : columns.velocity + 3],
-            force=force,
+            # Upwards on the robot or downwards on the floor, by the order of the two: its size counts.
+            force=np.abs(upward),
             distance=distance,
             energy=self._energy(state, sensors),
-            touch=touch,
-            flights=_flights(pushes, touch, self.timestep),
-        )
-
-    def _judged(self, motion: _DropMotion, drop: RobotDrop) -> Landed:
-        """The quantities of the landing that a motion shows. drop: whose release it began at."""
-        weight = self._over_floor.weight
-        rising = motion.velocity @ self._over_floor.up
-        fastest = max((float(rising[start]) for start, _ in motion.flights), default=0.0)
-        end = self._settling(motion)
-        return Landed(
-            # The height that a throw at this speed reaches.
-            rebound=max(fastest, 0.0) ** 2 / (2.0 * self.gravity),
-            peak=float(motion.force.max()) / weight,
-            depth=-float(motion.distance.min()),
-            gain=_gain(motion) / (weight * drop.height),
-            rest=end.rest,
-            sink=end.sink,
-            travel=end.travel,
-            creep=end.creep,
-            vibration=end.vibration,
-            late=end.late,
-            sag=end.sag,
-            fell=end.fell,
-        )
-
-    def _settling(self, motion: _DropMotion) -> _Settling:
-        """The end of a drop: how the robot came to rest after the touch, and lies in the last
-        TAIL_S seconds.
-
-        motion: a row for the start of each step, SI. Unknown, with NaN, for a drop that ends before
-        LATE_S + TAIL_S. `_height_at_touch` is that of its centre over its lowest point, m.
-        """
-        h = self.timestep
-        count = len(motion.height)
-        touch = motion.touch
-        if not count * h > LATE_S + TAIL_S:
-            return _Settling()
-        tail = slice(max(touch, count - round(TAIL_S / h)), count)
-        place = motion.along_floor
-        velocity = motion.velocity[tail]
-        speed = np.linalg.norm(motion.velocity, axis=1)
-        last_moving = int(np.flatnonzero(speed > REST_SPEED)[-1])
-        # Never, if it still moves in the last two steps.
-        rest = math.inf if last_moving >= count - 2 else (last_moving + 1 - touch) * h
-        about_mean = velocity - velocity.mean(0)
-        sink = -float(np.median(motion.distance[tail]))
-        lowered = float(motion.height[touch]) - float(np.median(motion.height[tail]))
-        return _Settling(
-            rest=rest,
-            sink=sink,
-            travel=float(np.linalg.norm(place[-1] - place[touch])),
-            creep=float(np.linalg.norm(place[-1] - place[tail.start])) / ((count - tail.start) * h),
-            vibration=float(np.sqrt((about_mean**2).sum(1).mean())),
-            late=float(sum(start * h > LATE_S for start, _ in motion.flights)),
-            # The legs give way by what the contacts do not.
-            sag=lowered - sink,
-            fell=lowered > (1.0 - FALLEN) * self._height_at_touch,
         )
 
     def _energy(self, state: Floats, sensors: Floats) -> Floats:
@@ -410,21 +289,14 @@ class DropBench:
 
 
 def landing(source: Any, requests: Sequence[Request], like: DropTest | None) -> DropTest:
-    """The whole test of a robot: every drop, each as long as those of `like`; None: as long as one
-    that stands takes to rest, or a robot that falls over to touch.
+    """The whole test of a robot, as `DropBench.whole_test` says.
 
     source: a file, MJCF text or an MjSpec. requests: of pairs of the robot with its floor.
     Raises UserError for what cannot be dropped or copied, EngineMissing for a MuJoCo without
     contact sensors.
     """
-    bench = DropBench(spec_of(source), label_of(source), requests)
-    if like is not None:
-        return bench.test(like.seconds)
-    # A robot that falls over lies by chance: only its touch can be compared.
-    if bench.test(SECONDS, DROPS[-1:]).fell:
-        return bench.test(SECONDS_TO_FALL)
-    test = bench.test(SECONDS)
-    return bench.test(SECONDS_TO_FALL) if test.fell else test
+    bench = ModelDropBench(spec_of(source), label_of(source), requests)
+    return bench.whole_test(like)
 
 
 def landing_peaks(source: Any, request: Request) -> tuple[LandingPeak, ...]:
@@ -434,7 +306,7 @@ def landing_peaks(source: Any, request: Request) -> tuple[LandingPeak, ...]:
     source: a file, MJCF text or an MjSpec. Raises UserError for what cannot be dropped or copied,
     EngineMissing for a MuJoCo without contact sensors.
     """
-    bench = DropBench(spec_of(source), label_of(source), [request], falling_root)
+    bench = ModelDropBench(spec_of(source), label_of(source), [request], falling_root)
     of_height: dict[float, list[float]] = {height: [] for height in HEIGHTS}
     for drop in DROPS:
         if not drop.tilt:
@@ -474,7 +346,7 @@ def _tilt(model: Any, data: Any, root: int, angle: float) -> None:
         address = int(model.jnt_qposadr[joint])
         if int(model.jnt_type[joint]) == int(kinds.mjJNT_FREE):
             turn = np.zeros(4)
-            backend().mju_axisAngle2Quat(turn, _TILT_AXIS, angle)
+            backend().mju_axisAngle2Quat(turn, np.array(TILT_AXIS), angle)
             turn_base(data, address, turn)
             return
         if int(model.jnt_type[joint]) == int(kinds.mjJNT_HINGE):
@@ -540,33 +412,3 @@ def _add_contact_sensor(
         refname=floor,
     )
     sensor.intprm[:3] = read
-
-
-def _flights(pushes: NDArray[np.bool_], touch: int, timestep: float) -> list[tuple[int, int]]:
-    """(first step, step after the last) of each flight after the touch that is longer than chatter.
-
-    pushes: of each step, whether the floor pushes, (n,). touch: number of the first that does.
-    timestep: s.
-    """
-    off = ~pushes
-    off[:touch] = False
-    edges = np.diff(np.concatenate([[0], off.astype(int), [0]]))
-    starts = np.flatnonzero(edges == 1)
-    ends = np.flatnonzero(edges == -1)
-    lasting = (ends - starts) * timestep >= PARTED_S
-    return list(zip(starts[lasting].tolist(), ends[lasting].tolist(), strict=True))
-
-
-def _gain(motion: _DropMotion) -> float:
-    """Most energy that a flight begins with beyond the least before it, J; 0 for none.
-
-    Before the first flight that is the energy at the touch; a flight that the contact throws up
-    with more was given it by the contact.
-    """
-    energy = motion.energy
-    least = float(energy[max(motion.touch - 1, 0)])
-    gain = 0.0
-    for start, end in motion.flights:
-        gain = max(gain, float(energy[start]) - least)
-        least = min(least, float(energy[end - 1]))
-    return gain

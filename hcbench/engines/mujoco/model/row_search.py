@@ -286,7 +286,9 @@ class RowSearch:
         e = np.where(parted.any(axis=1), out / np.maximum(into, 1e-12), 0.0)
         e = np.nan_to_num(e, nan=COSTS)
         speed = into / float(self._model.opt.timestep)
-        return e.reshape(len(tried), -1), speed.reshape(len(tried), -1)
+        # No member may be left, whose shape no -1 can tell.
+        shape = (len(tried), len(states))
+        return e.reshape(shape), speed.reshape(shape)
 
     def _depths(
         self, tried: Whole, number: int, states: Floats, control: Floats, steps: int

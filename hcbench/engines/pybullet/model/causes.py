@@ -127,10 +127,11 @@ class Call:
 
 def _fix(*calls: Call) -> tuple[str, Callable[[BulletClient], None]]:
     """(text, apply) of a fix that is made of calls."""
-    return "; ".join(call.text for call in calls), partial(_apply, calls=calls)
+    return "; ".join(call.text for call in calls), partial(apply_calls, calls=calls)
 
 
-def _apply(bullet: BulletClient, calls: Sequence[Call]) -> None:
+def apply_calls(bullet: BulletClient, calls: Sequence[Call]) -> None:
+    """Make calls in the world, in order."""
     for call in calls:
         call.apply(bullet)
 

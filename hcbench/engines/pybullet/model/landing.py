@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,17 +14,18 @@ from hcbench.engines.pybullet.backend import (
     DISTANCE,
     FORCE,
     LINK_A,
-    MASS,
     NORMAL,
     POINT_A,
 )
-from hcbench.engines.pybullet.model.bodies import (
-    FIXED,
-    JOINT_TYPE,
-    mass_and_volumes,
-)
+from hcbench.engines.pybullet.model.bodies import mass_and_volumes
 from hcbench.engines.pybullet.model.in_child import can_fork, run_aside
-from hcbench.engines.pybullet.model.open import set_pose
+from hcbench.engines.pybullet.model.over_floor import (
+    Motion,
+    OverFloor,
+    drive_of,
+    prepare,
+    tilt_about_y,
+)
 from hcbench.sim.landing import (
     WINDOW_S,
     DropPlan,
@@ -37,9 +38,7 @@ from hcbench.sim.landing import (
     take_off_speed,
 )
 from hcbench.sim.model_under_test import unit_notes
-from hcbench.sim.touch import travel_by_distance
 from hcbench.system.errors import EngineFailed, UserError
-from hcbench.terms import units
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -47,16 +46,6 @@ if TYPE_CHECKING:
     from hcbench.engines.pybullet.model.open import LoadedWorld
     from hcbench.sim.model_under_test import Request
     from hcbench.terms.impact import Floats
-
-# Farther from the floor PyBullet is not asked, m.
-_SEEN = 1e3
-# Places in getJointInfo and getJointState.
-_EFFORT = 10
-_POSITION, _SPEED = 0, 1
-# KP and KD.
-_GAINS = 2
-# Places in getLinkState: centre of mass and its motion.
-_CENTRE, _VELOCITY, _SPIN = 0, 6, 7
 
 
 def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
@@ -70,20 +59,14 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
     if not can_fork(bullet):
         got = "a client that no copy of this process has"
         raise UserError("model", got, "files, or a client by pybullet.DIRECT")
-    if request.key is not None:
-        raise UserError("key", repr(request.key), "no keyframe: PyBullet has none")
 
     def prepared() -> tuple[_DropBench, Callable[[], None], str]:
         """(the robot in its pose over its floor, what drives its joints, the drive in words); in a
         forked copy, whose world it changes.
         """
-        if request.timestep is not None:
-            bullet.setPhysicsEngineParameter(fixedTimeStep=request.timestep)
-        if request.gravity is not None:
-            bullet.setGravity(*request.gravity)
-        set_pose(world, request)
+        prepare(world, request)
         bench = _DropBench(world)
-        return bench, *_drive_of(drops.controller, bench)
+        return bench, *drive_of(drops.controller, bench)
 
     def described() -> Landings:
         """The landings without a drop: names, mass, step and gravity, and notes on the robot's
@@ -123,82 +106,8 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
     return replace(run_aside(bullet, described), drops=tuple(landings))
 
 
-class _Motion(NamedTuple):
-    """Centres of mass, m, velocities, m/s, and spins, rad/s, of the links, (n, 3) each; the base
-    last, as Python counts -1.
-    """
-
-    centres: Floats
-    velocities: Floats
-    spins: Floats
-
-    def at(self, link: int, point: Floats) -> Floats:
-        """Velocity of a link's material point, m/s."""
-        lever = point - self.centres[link]
-        return np.asarray(self.velocities[link] + np.cross(self.spins[link], lever))
-
-
-class _DropBench:
-    """A robot with a free base, in its pose, over the fixed bodies of its world.
-
-    robot: its body. name: of it. links: numbers. masses: kg, of the links and last the base. mass:
-    of all, kg. floors: the fixed bodies. h: time step, s. g: gravity, m/s²; up: unit vector against
-    it, (3,).
-    Raises UserError for a world without one, without a floor, or without gravity.
-    """
-
-    def __init__(self, world: LoadedWorld) -> None:
-        """Find the robot, of several with a free base the one with most joints, and its floors.
-
-        Raises UserError for a world without a free base, without a floor, or without gravity.
-        """
-        self._world = world
-        bullet = self.bullet = world.bullet
-        masses = {body: bullet.getDynamicsInfo(body, -1)[MASS] for body in bullet.bodies()}
-        free = [body for body, mass in masses.items() if mass > 0.0]
-        self.floors = [body for body, mass in masses.items() if not mass > 0.0]
-        if not free:
-            got = "no body has a free base"
-            raise UserError("model", got, "a robot with a free base, to be dropped")
-        if not self.floors:
-            got = f"{world.label}: nothing is fixed"
-            raise UserError("model", got, "a floor, such as plane.urdf", "Give it as a second file")
-        self.robot = max(free, key=lambda body: (bullet.getNumJoints(body), masses[body]))
-        self.name = world.name_of(self.robot)
-        self.links = list(range(bullet.getNumJoints(self.robot)))
-        # Of the links, and of the base at the end.
-        self.masses: Floats = np.array(
-            [bullet.getDynamicsInfo(self.robot, link)[MASS] for link in [*self.links, -1]]
-        )
-        self.mass = float(self.masses.sum())
-        parameters = bullet.getPhysicsEngineParameters()
-        self.h = float(parameters["fixedTimeStep"])
-        gravity = np.array([parameters[f"gravityAcceleration{axis}"] for axis in "XYZ"])
-        self.g = float(np.linalg.norm(gravity))
-        if self.g == 0.0:
-            got = "the world has none"
-            raise UserError("gravity", got, "a gravity that lets the robot fall", "--gravity 9.81")
-        self.up = -gravity / self.g
-
-    def motion(self) -> _Motion:
-        """The present motion of the base and all links."""
-        bullet = self.bullet
-        centre, _ = bullet.getBasePositionAndOrientation(self.robot)
-        velocity, spin = bullet.getBaseVelocity(self.robot)
-        states: Any = ()
-        if self.links:
-            states = bullet.getLinkStates(
-                self.robot, self.links, computeLinkVelocity=1, computeForwardKinematics=1
-            )
-        return _Motion(
-            np.array([*(state[_CENTRE] for state in states), centre]),
-            np.array([*(state[_VELOCITY] for state in states), velocity]),
-            np.array([*(state[_SPIN] for state in states), spin]),
-        )
-
-    def rising(self, motion: _Motion) -> float:
-        """Speed of the centre of mass upwards, m/s."""
-        return float(self.masses @ motion.velocities @ self.up) / self.mass
+class _DropBench(OverFloor):
+    """A robot over its floor that is dropped once, in a copy of its world."""
 
     def landing(
         self, height: float, tilt: float, drive: Callable[[], None], phase: float
@@ -210,31 +119,8 @@ class _DropBench:
         where nothing is below the robot or it meets nothing, EngineFailed for a velocity that is
         not finite.
         """
-        bullet = self.bullet
-        position, attitude = bullet.getBasePositionAndOrientation(self.robot)
-        turn = [0.0, math.sin(tilt / 2), 0.0, math.cos(tilt / 2)]
-        _, turned = bullet.multiplyTransforms([0, 0, 0], turn, [0, 0, 0], attitude)
-
-        def lower(travel: float) -> None:
-            place = np.array(position) - travel * self.up
-            bullet.resetBasePositionAndOrientation(self.robot, place.tolist(), turned)
-
-        def distance(travel: float) -> float:
-            """Distance of the lowered robot from the floor, m; UserError where nothing is below it.
-            travel: by which it is lowered, m.
-            """
-            lower(travel)
-            points = []
-            for floor in self.floors:
-                points += bullet.getClosestPoints(self.robot, floor, _SEEN)
-            if not points:
-                got = f"{self.name!r} has nothing below to land on"
-                raise UserError("model", got, "a floor", "Give it as a second file")
-            return float(min(point[DISTANCE] for point in points))
-
         more = raised_for(phase, height, self.g, self.h)
-        lower(travel_by_distance(distance, 1.0) - height - more)
-        bullet.resetBaseVelocity(self.robot, [0, 0, 0], [0, 0, 0])
+        self.put(height + more, tilt_about_y(tilt))
         return self._fall(height, tilt, drive)
 
     def _fall(self, height: float, tilt: float, drive: Callable[[], None]) -> Landing:
@@ -281,7 +167,7 @@ class _DropBench:
         weight = self.mass * self.g
         return Landing(height, tilt, -rising[0], speed_out, weight, fallen, time, pushed)
 
-    def _tread(self, before: _Motion, time: float, feet: dict[int, FootfallLog]) -> float:
+    def _tread(self, before: Motion, time: float, feet: dict[int, FootfallLog]) -> float:
         """Force of the floors on the robot in the step just taken, N upwards: of the contacts'
         normal forces, as PyBullet tells no way of their friction.
 
@@ -308,56 +194,3 @@ class _DropBench:
             slip = float(force @ slide / force.sum())
             feet[link].add(time, self.h, float(force.sum()), slip, float(depth.max()))
         return upward
-
-
-def _drive_of(controller: Any, bench: _DropBench) -> tuple[Callable[[], None], str]:
-    """(function that drives the joints before each step, what holds them in words).
-
-    "pd": position motors of PyBullet hold the pose, each with its joint's effort. "pd:KP,KD":
-    torques by these gains, N m/rad and N m s/rad. "ctrl": the motors as the world has them. A
-    function is called with the client's number and the robot's, and drives the motors itself.
-    Raises UserError for another controller.
-    """
-    bullet = bench.bullet
-    robot = bench.robot
-    joints = [link for link in bench.links if bullet.getJointInfo(robot, link)[JOINT_TYPE] != FIXED]
-    pose = [bullet.getJointState(robot, joint)[_POSITION] for joint in joints]
-    module = bullet.module
-    if callable(controller):
-        return lambda: controller(bullet.client, robot), "a function drives its joints"
-    if controller == "ctrl":
-        return lambda: None, "the motors of the world drive its joints"
-    if controller == "pd":
-        for joint, angle in zip(joints, pose, strict=True):
-            effort = bullet.getJointInfo(robot, joint)[_EFFORT]
-            # 0 where the file names no effort: PyBullet's default force acts then.
-            force = {"force": effort} if effort > 0.0 else {}
-            bullet.setJointMotorControl2(
-                robot, joint, module.POSITION_CONTROL, targetPosition=angle, **force
-            )
-        return lambda: None, f"position motors hold {len(joints)} joints"
-    kp, kd = _gains(controller)
-    for joint in joints:
-        bullet.setJointMotorControl2(robot, joint, module.VELOCITY_CONTROL, force=0)
-
-    def hold() -> None:
-        for joint, angle in zip(joints, pose, strict=True):
-            state = bullet.getJointState(robot, joint)
-            torque = kp * (angle - state[_POSITION]) - kd * state[_SPEED]
-            bullet.setJointMotorControl2(robot, joint, module.TORQUE_CONTROL, force=torque)
-
-    return hold, f"PD holds {len(joints)} joints: {kp:g} N m/rad, {kd:g} N m s/rad"
-
-
-def _gains(controller: str) -> tuple[float, float]:
-    """(KP, KD) of the text "pd:KP,KD", N m/rad and N m s/rad, or for slides N/m and N s/m.
-
-    controller: the text. Raises UserError for another text or another number of gains,
-    QuantityError for one that is not a number from 0 up.
-    """
-    kind, _, text = controller.partition(":")
-    gains = [units.parse(gain, "number", "controller", least=0.0) for gain in text.split(",")]
-    if kind != "pd" or len(gains) != _GAINS:
-        expected = "pd, pd:KP,KD, ctrl, or FILE.py:FUNCTION"
-        raise UserError("controller", repr(controller)[:60], expected)
-    return gains[0], gains[1]

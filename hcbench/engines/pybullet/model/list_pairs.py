@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from dataclasses import replace
 from importlib.util import find_spec
 from itertools import combinations
 from pathlib import Path
@@ -225,7 +226,8 @@ def find_pair(world: LoadedWorld, names: tuple[str, str] | None) -> tuple[BodyPa
         )
         return one, two
     parts = _named_parts(world)
-    one, two = (_by_name(parts, name) for name in names)
+    found = (_by_name(parts, name) for name in names)
+    one, two = (replace(part, file=world.files.get(part.body, "")) for part in found)
     if one.body == two.body and (one.link == two.link or ANY_LINK in (one.link, two.link)):
         raise UserError(
             "pair", f"{one.name!r} and {two.name!r} are the same body", "two that can meet"

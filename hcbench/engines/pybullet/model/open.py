@@ -337,18 +337,23 @@ class LiveWorld:
 
 @dataclass(frozen=True, slots=True)
 class BodyPart:
-    """One of the two that meet: a link (-1: the base) of a body, or ANY_LINK of it."""
+    """One of the two that meet: a link (-1: the base) of a body, or ANY_LINK of it.
+
+    file: name of the body's, "" where it came from none.
+    """
 
     name: str
     body: int
     link: int
+    file: str = ""
 
     @property
     def variable(self) -> int | str:
         """Variable for the body in a script: its file's name, numbered if
         several came from one; or its id.
         """
-        stem, _, copy = self.name.partition(".")
+        name = self.file or self.name
+        stem, _, copy = name.partition(".")
         name = stem + "".join(f"_{number}" for number in re.findall(r" \((\d+)\)$", copy))
         if name.isidentifier():
             return name

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -487,8 +487,8 @@ def _touch(
         )
     point = nearest(bullet, moving, other)
     normal = normal_of(point)
-    first = BodyPart(moving.name, moving.body, int(point[LINK_A]))
-    second = BodyPart(other.name, other.body, int(point[LINK_B]))
+    first = replace(moving, link=int(point[LINK_A]))
+    second = replace(other, link=int(point[LINK_B]))
     _require_room(bullet, first, second)
     face = None
     # Two links of one body tilt together.

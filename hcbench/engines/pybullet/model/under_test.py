@@ -40,6 +40,7 @@ from hcbench.engines.pybullet.model.causes import (
     what_distorts,
     without_spring,
 )
+from hcbench.engines.pybullet.model.drop_test import ChangedWorld
 from hcbench.engines.pybullet.model.in_child import (
     Answer,
     CopyOfWorld,
@@ -723,4 +724,15 @@ def _restitution(
     def opened(request: Request) -> PybulletModel:
         return PybulletModel(build(), build, request, suspects)
 
-    return ModelSetting("restitution", notes, opened, lambda *_: Texts("\n".join(lines)))
+    def apply(bullet: BulletClient) -> None:
+        for suspect in suspects:
+            assert suspect.apply is not None
+            suspect.apply(bullet)
+
+    return ModelSetting(
+        "restitution",
+        notes,
+        opened,
+        lambda *_: Texts("\n".join(lines)),
+        source=ChangedWorld(build, apply),
+    )

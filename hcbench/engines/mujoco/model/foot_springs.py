@@ -1,0 +1,298 @@
+"""MuJoCo: springs of a robot's feet as <pair> elements, tried in drops of the robot and written."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hcbench.engines.mujoco.backend import backend
+from hcbench.engines.mujoco.model.bodies import explicit_pairs
+from hcbench.engines.mujoco.model.drop_test import ModelDropBench
+from hcbench.engines.mujoco.model.find_pair import named_pair
+from hcbench.engines.mujoco.model.open import load
+from hcbench.engines.mujoco.model.under_test import MujocoModel
+from hcbench.engines.mujoco.model.write_pairs import (
+    Written,
+    colliding_geoms,
+    contact_text,
+    elliptic_option,
+    friction_values,
+    label_of,
+    name_geoms,
+    set_pair,
+    spec_of,
+    taken_pairs,
+    texts_of,
+)
+from hcbench.sim.landing import DROPS, SECONDS, DropTest, ReboundSettings
+from hcbench.sim.model_under_test import ModelSetting, Texts
+from hcbench.sim.rebound_search import FootSpring, ReboundSearch, SpringGrid
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from hcbench.sim.landing import RobotDrop
+    from hcbench.sim.model_under_test import ModelUnderTest, Output, Request
+    from hcbench.sim.promise import Promise
+
+    Geoms = tuple[int, int]
+
+# MuJoCo's own impedance: with it solref alone makes the contact.
+SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
+# MuJoCo raises a shorter time constant to so many steps.
+_LEAST_STEPS = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class FootContact(FootSpring):
+    """A spring with w = 1/(timeconst dampratio) and ζ = dampratio.
+
+    impratio: of the whole model, with elliptic cones; 0 for the model's own cone and impratio.
+    """
+
+    impratio: float = 0.0
+
+    @property
+    def solref(self) -> tuple[float, float]:
+        """MuJoCo's timeconst, s, and dampratio, in the digits that are written."""
+        return (
+            float(f"{1.0 / (self.frequency * self.damping):.5g}"),
+            float(f"{self.damping:.5g}"),
+        )
+
+
+def foot_geoms(model: Any, requests: Sequence[Request]) -> list[Geoms]:
+    """All pairs of geoms of the pairs of the requests that MuJoCo collides, by their numbers.
+
+    requests: each with the names of its pair. Raises UserError for unknown names, and for more
+    geoms than can be written.
+    """
+    pairs = []
+    for request in requests:
+        assert request.pair is not None
+        pairs.append(named_pair(model, request.pair))
+    return colliding_geoms(model, pairs)
+
+
+def set_contact(model: Any, plain: Any, geoms: Sequence[Geoms], contact: FootContact) -> None:
+    """Write a contact of the feet into the <pair>s of geoms in a compiled model, and its cone and
+    impratio into the model's options.
+
+    model: changed. plain: the model as it is, whose cone and impratio hold where the contact has
+    none. geoms: numbers, two and two.
+    """
+    for both in geoms:
+        for number in explicit_pairs(model, both):
+            model.pair_solref[number] = contact.solref
+            model.pair_solimp[number] = SOLIMP
+    model.opt.cone = plain.opt.cone
+    model.opt.impratio = plain.opt.impratio
+    if contact.impratio:
+        model.opt.cone = int(backend().mjtCone.mjCONE_ELLIPTIC)
+        model.opt.impratio = contact.impratio
+
+
+def write_contact(source: Any, requests: Sequence[Request], contact: FootContact) -> Written:
+    """The model of a source with the contact in <pair>s of all feet, in a spec of its own;
+    friction, condim and margin stay.
+
+    source: a file, MJCF text or an MjSpec. requests: each with the names of a foot and its floor.
+    Raises UserError for a source that cannot be written, for unknown pairs and for too many geoms.
+    """
+    spec = spec_of(source)
+    model = spec.compile()
+    geoms = foot_geoms(model, requests)
+    notes: list[str] = []
+    names = name_geoms(spec, model, geoms, notes)
+    own = not notes and not taken_pairs(model, geoms)
+    lines = []
+    for one, other in geoms:
+        both = (names[one], names[other])
+        known = [pair for pair in spec.pairs if {pair.geomname1, pair.geomname2} == set(both)]
+        values: dict[str, Any] = {"solref": list(contact.solref), "solimp": list(SOLIMP)}
+        if not known:
+            values |= friction_values(model, (one, other))
+            if model.geom_margin[[one, other]].any():
+                values |= {"margin": _onset(model, one, other), "gap": 0.0}
+        elements = known or [spec.add_pair(geomname1=both[0], geomname2=both[1])]
+        lines += [set_pair(element, both, values) for element in elements]
+    option = ""
+    if contact.impratio:
+        option = elliptic_option(spec, contact.impratio, "feet slip less", notes)
+    return Written(spec, contact_text(option, lines), notes, names, own)
+
+
+def _onset(model: Any, one: int, other: int) -> float:
+    """Distance from which the contact of two geoms acts, m.
+
+    one, other: numbers of the geoms in a compiled model. Versions of MuJoCo join margins and gaps
+    in different ways: two spheres with those show it.
+    """
+    spec = backend().MjSpec()
+    for geom in (one, other):
+        body = spec.worldbody.add_body()
+        body.add_freejoint()
+        margin = float(model.geom_margin[geom])
+        gap = float(model.geom_gap[geom])
+        body.add_geom(type=backend().mjtGeom.mjGEOM_SPHERE, size=[1, 0, 0], margin=margin, gap=gap)
+    compiled = spec.compile()
+    data = backend().MjData(compiled)
+    backend().mj_forward(compiled, data)
+    return float(data.contact.includemargin[0])
+
+
+# Springs that are tried: up to this share of 1/h, and dampings, which throw a robot up higher than
+# its model does, or less.
+_GRID = SpringGrid(
+    fastest=0.4,
+    frequencies=8,
+    dampings=tuple(np.geomspace(0.12, 1.4, 8).tolist()),
+    calming=tuple(np.geomspace(0.4, 4.0, 8).tolist()),
+    first=(DROPS[-1], DROPS[len(DROPS) // 2]),
+    first_seconds=SECONDS,
+    nearest_frequencies=15,
+    nearest=8,
+    very_nearest=4,
+)
+# Impratios with elliptic cones that are tried for less slip; 0 is the model's own.
+_IMPRATIOS = (0.0, 10.0)
+# Factors of the servos' kp, with their square roots of kd, by which more is tried.
+_STIFFER = (2.0, 4.0, 8.0, 16.0)
+# Fewer iterations of the solver do not hold a foot.
+_ITERATIONS = 20
+
+
+class PairSearch(ReboundSearch[FootContact]):
+    """Contacts of the feet as <pair> elements, tried in drops.
+
+    source: a file, MJCF text or an MjSpec. requests: of the feet's pairs. before, target: as of
+    `ReboundSearch`. Raises UserError for a robot that cannot be dropped or a model that cannot be
+    written.
+    """
+
+    grid = _GRID
+
+    def __init__(
+        self, source: Any, requests: Sequence[Request], before: DropTest, target: float
+    ) -> None:
+        """Write a contact into a copy of the model, and drop the model as it is by the short drops."""
+        self.plain = spec_of(source).compile()
+        self.geoms = foot_geoms(self.plain, requests)
+        label = label_of(source)
+        # With <pair>s, whose numbers the search sets.
+        first = write_contact(source, requests, FootContact(100.0, 1.0))
+        self._written = ModelDropBench(first.spec, label, requests)
+        self._own = ModelDropBench(spec_of(source), label, requests)
+        super().__init__(self._written, before, target)
+
+    def spring(self, frequency: float, damping: float) -> FootContact:
+        """The contact with the model's own cone and impratio."""
+        return FootContact(frequency, damping)
+
+    def drop(
+        self, spring: FootContact | None, seconds: float, drops: Sequence[RobotDrop]
+    ) -> DropTest:
+        """Drop the robot with the contact in its <pair> elements; None: the model as it is."""
+        if spring is None:
+            return self._own.test(seconds, drops)
+        set_contact(self._written.model, self.plain, self.geoms, spring)
+        return self._written.test(seconds, drops)
+
+    def is_kept(self, spring: FootContact) -> bool:
+        """Say whether MuJoCo keeps the time constant, which it raises to two steps."""
+        return spring.solref[0] >= _LEAST_STEPS * self.bench.timestep
+
+    def variants(self, spring: FootContact) -> Iterable[FootContact]:
+        """The contact with the model's own cone, and with an elliptic one."""
+        return [replace(spring, impratio=impratio) for impratio in _IMPRATIOS]
+
+    def stiffer(self) -> tuple[tuple[float, float], ...]:
+        """(factor of kp, largest rebound with it, m) of stiffer servos, until the target is in reach."""
+        return tuple(self._with_stiffer_servos())
+
+    def _with_stiffer_servos(self) -> Iterator[tuple[float, float]]:
+        """(factor of kp, largest rebound of contacts that are not worse in short drops, m) of
+        stiffer servos, until the target is in reach; nothing without servos, or for a rebound below
+        that of the model as it is.
+
+        The model's gains are as they were afterwards.
+        """
+        model = self._written.model
+        gains = model.actuator_gainprm.copy()
+        biases = model.actuator_biasprm.copy()
+        servos = biases[:, 1] < 0.0
+        is_raised = self.target > self.before.rebound
+        for factor in _STIFFER if is_raised and servos.any() else ():
+            model.actuator_gainprm[servos, 0] = factor * gains[servos, 0]
+            model.actuator_biasprm[servos, 1] = factor * biases[servos, 1]
+            model.actuator_biasprm[servos, 2] = math.sqrt(factor) * biases[servos, 2]
+            # A coarse grid tells where the target comes into reach.
+            largest = self.largest_of_few()
+            yield factor, largest
+            if largest >= self.target:
+                break
+        model.actuator_gainprm[:] = gains
+        model.actuator_biasprm[:] = biases
+
+
+def advice(model: Any) -> tuple[str, ...]:
+    """Sentences on options of a model by which its feet cannot hold, before anything else is tuned."""
+    sentences = []
+    if model.opt.iterations < _ITERATIONS:
+        sentences.append(
+            f"The solver stops after {model.opt.iterations} iterations, before the feet's forces "
+            'balance: first set <option iterations="100" ls_iterations="50"/>.'
+        )
+    return tuple(sentences)
+
+
+def rebound_settings(
+    source: Any, requests: Sequence[Request], before: DropTest, target: float
+) -> ReboundSettings:
+    """Settings of the feet for a rebound, found by drops; the search runs as they are asked for.
+
+    source: a file, MJCF text or an MjSpec. requests: of the feet's pairs. before: the whole test of
+    the model as it is. target: the rebound, m.
+    Raises UserError for what cannot be dropped or written.
+    """
+    search = PairSearch(source, requests, before, target)
+
+    def settings(contacts: Iterator[FootContact]) -> Iterator[ModelSetting]:
+        for contact in contacts:
+            yield _setting(source, requests, contact)
+
+    return ReboundSettings(
+        settings(search.contacts()),
+        settings(search.nearest_contacts()),
+        settings(search.trading_contacts()),
+        search.stiffer,
+        advice(search.plain),
+    )
+
+
+def _setting(source: Any, requests: Sequence[Request], contact: FootContact) -> ModelSetting:
+    """A contact of the feet as a setting of a user's model: notes, the model under a request, and
+    its text.
+
+    source: a file, MJCF text or an MjSpec. requests: each with the names of a foot and its floor.
+    Raises UserError for a source that cannot be written, for unknown pairs and for too many geoms.
+    """
+    made = write_contact(source, requests, contact)
+    notes = [
+        *made.notes,
+        "friction, condim, margin, masses, step and integrator are as they were; the rebound holds "
+        "with them, in this pose with these gains.",
+    ]
+    label = label_of(source)
+
+    def opened(request: Request) -> ModelUnderTest:
+        model, _, state = load(made.spec, request)
+        return MujocoModel(model, label, state, request)
+
+    def texts(_: Sequence[Promise], output: Output) -> Texts:
+        return texts_of(source, made, (), output)
+
+    return ModelSetting("feet as springs", tuple(notes), opened, texts, source=made.spec)

@@ -1,0 +1,161 @@
+"""PyBullet: springs of a robot's feet by contactStiffness and contactDamping, tried in drops of the
+robot and written as lines of a script.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench.engines.pybullet.backend import MASS, STIFFNESS
+from hcbench.engines.pybullet.model.causes import Call, apply_calls
+from hcbench.engines.pybullet.model.drop_test import FIRST_S, LASTING, ChangedWorld, WorldDropBench
+from hcbench.engines.pybullet.model.open import BodyPart
+from hcbench.engines.pybullet.model.under_test import PybulletModel
+from hcbench.sim.landing import DropTest, ReboundSettings
+from hcbench.sim.model_under_test import ModelSetting, Suspect, Texts
+from hcbench.sim.rebound_search import FootSpring, ReboundSearch, SpringGrid
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from hcbench.engines.pybullet.model.open import LoadedWorld
+    from hcbench.sim.landing import RobotDrop
+    from hcbench.sim.model_under_test import Request
+
+# Bullet's springs are implicit: they hold at any frequency, and damp the more the higher w h is.
+_GRID = SpringGrid(
+    fastest=1.5,
+    frequencies=4,
+    dampings=tuple(np.geomspace(0.03, 1.4, 5).tolist()),
+    calming=tuple(np.geomspace(0.4, 4.0, 5).tolist()),
+    first=LASTING[:1],
+    first_seconds=FIRST_S,
+    nearest_frequencies=4,
+    nearest=2,
+    very_nearest=1,
+)
+# A stiffness, N/m, that Bullet gives bodies without a spring: beside it the other's holds alone.
+_STIFF = 1e18
+
+
+class LinkSearch(ReboundSearch[FootSpring]):
+    """Springs of a robot's feet, tried in drops in copies of its world.
+
+    before, target: as of `ReboundSearch`. Raises UserError for a robot that cannot be dropped.
+    """
+
+    grid = _GRID
+
+    def __init__(self, bench: WorldDropBench, before: DropTest, target: float) -> None:
+        """Drop the robot as it is by the short drops, which show what its feet are."""
+        self._robot = bench
+        super().__init__(bench, before, target)
+
+    def spring(self, frequency: float, damping: float) -> FootSpring:
+        """The spring of a frequency, rad/s, and a ratio of damping."""
+        return FootSpring(frequency, damping)
+
+    def drop(
+        self, spring: FootSpring | None, seconds: float, drops: Sequence[RobotDrop]
+    ) -> DropTest:
+        """Drop the robot with the spring at its feet; None: with its own contacts."""
+        if spring is None:
+            return self._robot.test(seconds, drops)
+        return self._robot.test_with(partial(apply_calls, calls=self.calls(spring)), seconds, drops)
+
+    @property
+    def feet(self) -> list[int]:
+        """Links of the pairs; where these name a whole body, those that the floor pushed."""
+        return sorted(self._robot.feet or self._robot.seen)
+
+    @property
+    def others(self) -> list[str]:
+        """Names of links that land on the floor, too, and are of no pair."""
+        world = self._robot.world
+        return [
+            world.name_of(self._robot.number, link)
+            for link in sorted(self._robot.seen - set(self.feet))
+        ]
+
+    def calls(self, spring: FootSpring) -> list[Call]:
+        """The calls of PyBullet that give the spring to each point of the feet.
+
+        The robot's mass, over the points at which the floor pushed at once, oscillates at w.
+        """
+        mass = self._robot.mass / self._robot.points
+        stiffness = float(f"{mass * spring.frequency**2:.5g}")
+        damping = float(f"{2.0 * spring.damping * spring.frequency * mass:.5g}")
+        settings = {"contactStiffness": stiffness, "contactDamping": damping}
+        world = self._robot.world
+        sides = [
+            BodyPart(world.name_of(self._robot.number), self._robot.number, link)
+            for link in self.feet
+        ]
+        return [*(Call(settings, side) for side in sides), *_without_springs(world)]
+
+
+def _without_springs(world: LoadedWorld) -> Iterator[Call]:
+    """Calls that leave the feet's spring alone where what is fixed has one of its own."""
+    bullet = world.bullet
+    for body in bullet.bodies():
+        for link in range(-1, bullet.getNumJoints(body)):
+            has_spring = bullet.getDynamicsInfo(body, link)[STIFFNESS] > 0.0
+            if has_spring and not bullet.getDynamicsInfo(body, -1)[MASS] > 0.0:
+                side = BodyPart(world.name_of(body), body, link)
+                yield Call({"contactStiffness": _STIFF, "contactDamping": 0.0}, side)
+
+
+def rebound_settings(
+    build: Callable[[], LoadedWorld],
+    requests: Sequence[Request],
+    before: DropTest,
+    target: float,
+) -> ReboundSettings:
+    """Settings of the feet for a rebound, found by drops; the search runs as they are asked for.
+
+    build: opens the world. requests: of the feet's pairs. before: the whole test of the world as it
+    is. target: the rebound, m. Raises UserError for what cannot be dropped.
+    """
+    search = LinkSearch(WorldDropBench(build(), requests), before, target)
+
+    def settings(springs: Iterator[FootSpring]) -> Iterator[ModelSetting]:
+        for spring in springs:
+            yield _setting(build, search, spring)
+
+    return ReboundSettings(
+        settings(search.contacts()),
+        settings(search.nearest_contacts()),
+        settings(search.trading_contacts()),
+        search.stiffer,
+    )
+
+
+def _setting(
+    build: Callable[[], LoadedWorld], search: LinkSearch, spring: FootSpring
+) -> ModelSetting:
+    """A spring of the feet as a setting of a user's world: notes, lines and the world with it."""
+    calls = search.calls(spring)
+    notes = [
+        "contactStiffness, N/m, and contactDamping, N s/m, act at each point of contact.",
+        "Friction, masses and step are as they were; the rebound holds with them, in this pose with "
+        "these motors.",
+    ]
+    if search.others:
+        notes.append(f"{', '.join(search.others)} land on the floor, too, and keep their contact.")
+
+    text = "\n".join(call.text for call in calls)
+    apply = partial(apply_calls, calls=calls)
+
+    def opened(request: Request) -> PybulletModel:
+        return PybulletModel(build(), build, request, [Suspect("feet", "", "", text, apply)])
+
+    return ModelSetting(
+        "feet as springs",
+        tuple(notes),
+        opened,
+        lambda *_: Texts(text),
+        source=ChangedWorld(build, apply),
+    )

@@ -1,0 +1,222 @@
+"""PyBullet: a robot over the fixed bodies of its world: how far above them, how it moves, and what
+drives its joints while it lands.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from hcbench.engines.pybullet.backend import DISTANCE, MASS, POINT_A
+from hcbench.engines.pybullet.model.bodies import FIXED, JOINT_TYPE
+from hcbench.engines.pybullet.model.open import set_pose
+from hcbench.sim.touch import travel_by_distance
+from hcbench.system.errors import UserError
+from hcbench.terms import units
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from hcbench.engines.pybullet.model.open import LoadedWorld
+    from hcbench.sim.model_under_test import Request
+    from hcbench.terms.impact import Floats
+
+# Farther from the floor PyBullet is not asked, m.
+_SEEN = 1e3
+# Places in getJointInfo and getJointState.
+_EFFORT = 10
+_POSITION, _SPEED = 0, 1
+# KP and KD.
+_GAINS = 2
+# Places in getLinkState: centre of mass, attitude, and their motion.
+CENTRE, QUATERNION, VELOCITY, SPIN = 0, 1, 6, 7
+
+
+class Motion(NamedTuple):
+    """Centres of mass, m, velocities, m/s, and spins, rad/s, of the links, (n, 3) each; the base
+    last, as Python counts -1.
+    """
+
+    centres: Floats
+    velocities: Floats
+    spins: Floats
+
+    def at(self, link: int, point: Floats) -> Floats:
+        """Velocity of a link's material point, m/s."""
+        lever = point - self.centres[link]
+        return np.asarray(self.velocities[link] + np.cross(self.spins[link], lever))
+
+
+class OverFloor:
+    """A robot with a free base, in its pose, over the fixed bodies of its world.
+
+    robot: its body. name: of it. links: numbers. masses: kg, of the links and last the base. mass:
+    of all, kg. floors: the fixed bodies. h: time step, s. g: gravity, m/s²; up: unit vector against
+    it, (3,).
+    Raises UserError for a world without one, without a floor, or without gravity.
+    """
+
+    def __init__(self, world: LoadedWorld, robot: int | None = None) -> None:
+        """Find the robot, of several with a free base the one with most joints, and its floors.
+
+        robot: its number; None to find it.
+        Raises UserError for a world without a free base, without a floor, or without gravity.
+        """
+        self._world = world
+        bullet = self.bullet = world.bullet
+        masses = {body: bullet.getDynamicsInfo(body, -1)[MASS] for body in bullet.bodies()}
+        free = [body for body, mass in masses.items() if mass > 0.0]
+        self.floors = [body for body, mass in masses.items() if not mass > 0.0]
+        if not free:
+            got = "no body has a free base"
+            raise UserError("model", got, "a robot with a free base, to be dropped")
+        if not self.floors:
+            got = f"{world.label}: nothing is fixed"
+            raise UserError("model", got, "a floor, such as plane.urdf", "Give it as a second file")
+        if robot is None:
+            robot = max(free, key=lambda body: (bullet.getNumJoints(body), masses[body]))
+        self.robot: int = robot
+        self.name = world.name_of(self.robot)
+        self.links = list(range(bullet.getNumJoints(self.robot)))
+        # Of the links, and of the base at the end.
+        self.masses: Floats = np.array(
+            [bullet.getDynamicsInfo(self.robot, link)[MASS] for link in [*self.links, -1]]
+        )
+        self.mass = float(self.masses.sum())
+        parameters = bullet.getPhysicsEngineParameters()
+        self.h = float(parameters["fixedTimeStep"])
+        gravity = np.array([parameters[f"gravityAcceleration{axis}"] for axis in "XYZ"])
+        self.g = float(np.linalg.norm(gravity))
+        if self.g == 0.0:
+            got = "the world has none"
+            raise UserError("gravity", got, "a gravity that lets the robot fall", "--gravity 9.81")
+        self.up = -gravity / self.g
+
+    def motion(self) -> Motion:
+        """The present motion of the base and all links."""
+        bullet = self.bullet
+        centre, _ = bullet.getBasePositionAndOrientation(self.robot)
+        velocity, spin = bullet.getBaseVelocity(self.robot)
+        states: Any = ()
+        if self.links:
+            states = bullet.getLinkStates(
+                self.robot, self.links, computeLinkVelocity=1, computeForwardKinematics=1
+            )
+        return Motion(
+            np.array([*(state[CENTRE] for state in states), centre]),
+            np.array([*(state[VELOCITY] for state in states), velocity]),
+            np.array([*(state[SPIN] for state in states), spin]),
+        )
+
+    def rising(self, motion: Motion) -> float:
+        """Speed of the centre of mass upwards, m/s."""
+        return float(self.masses @ motion.velocities @ self.up) / self.mass
+
+    def put(self, height: float, turn: Sequence[float]) -> Floats:
+        """Put the robot at rest with its lowest point at a height over the floor, m; return that point,
+        m, (3,).
+
+        turn: quaternion x y z w by which its base is turned in the world. Raises UserError where
+        nothing is below the robot.
+        """
+        bullet = self.bullet
+        position, attitude = bullet.getBasePositionAndOrientation(self.robot)
+        _, turned = bullet.multiplyTransforms([0, 0, 0], turn, [0, 0, 0], attitude)
+
+        def lower(travel: float) -> None:
+            place = np.array(position) - travel * self.up
+            bullet.resetBasePositionAndOrientation(self.robot, place.tolist(), turned)
+
+        def nearest(travel: float) -> Any:
+            """The point of getClosestPoints of the lowered robot that is nearest to the floor.
+
+            travel: by which it is lowered, m. Raises UserError where nothing is below it.
+            """
+            lower(travel)
+            points = []
+            for floor in self.floors:
+                points += bullet.getClosestPoints(self.robot, floor, _SEEN)
+            if not points:
+                got = f"{self.name!r} has nothing below to land on"
+                raise UserError("model", got, "a floor", "Give it as a second file")
+            return min(points, key=lambda point: point[DISTANCE])
+
+        travel = travel_by_distance(lambda by: float(nearest(by)[DISTANCE]), 1.0) - height
+        lowest = np.array(nearest(travel)[POINT_A])
+        bullet.resetBaseVelocity(self.robot, [0, 0, 0], [0, 0, 0])
+        return lowest
+
+
+def prepare(world: LoadedWorld, request: Request) -> None:
+    """Give a world the time step, s, gravity, m/s², and pose of a request. Raises UserError for a
+    keyframe, and for a pose that does not fit.
+    """
+    if request.key is not None:
+        raise UserError("key", repr(request.key), "no keyframe: PyBullet has none")
+    if request.timestep is not None:
+        world.bullet.setPhysicsEngineParameter(fixedTimeStep=request.timestep)
+    if request.gravity is not None:
+        world.bullet.setGravity(*request.gravity)
+    set_pose(world, request)
+
+
+def tilt_about_y(angle: float) -> list[float]:
+    """Quaternion x y z w of a turn about the world's y by an angle, rad."""
+    return [0.0, math.sin(angle / 2), 0.0, math.cos(angle / 2)]
+
+
+def drive_of(controller: Any, over_floor: OverFloor) -> tuple[Callable[[], None], str]:
+    """(function that drives the joints before each step, what holds them in words).
+
+    "pd": position motors of PyBullet hold the pose, each with its joint's effort. "pd:KP,KD":
+    torques by these gains, N m/rad and N m s/rad. "ctrl": the motors as the world has them. A
+    function is called with the client's number and the robot's, and drives the motors itself.
+    Raises UserError for another controller.
+    """
+    bullet = over_floor.bullet
+    robot = over_floor.robot
+    joints = [
+        link for link in over_floor.links if bullet.getJointInfo(robot, link)[JOINT_TYPE] != FIXED
+    ]
+    pose = [bullet.getJointState(robot, joint)[_POSITION] for joint in joints]
+    module = bullet.module
+    if callable(controller):
+        return lambda: controller(bullet.client, robot), "a function drives its joints"
+    if controller == "ctrl":
+        return lambda: None, "the motors of the world drive its joints"
+    if controller == "pd":
+        for joint, angle in zip(joints, pose, strict=True):
+            effort = bullet.getJointInfo(robot, joint)[_EFFORT]
+            # 0 where the file names no effort: PyBullet's default force acts then.
+            force = {"force": effort} if effort > 0.0 else {}
+            bullet.setJointMotorControl2(
+                robot, joint, module.POSITION_CONTROL, targetPosition=angle, **force
+            )
+        return lambda: None, f"position motors hold {len(joints)} joints"
+    kp, kd = _gains(controller)
+    for joint in joints:
+        bullet.setJointMotorControl2(robot, joint, module.VELOCITY_CONTROL, force=0)
+
+    def hold() -> None:
+        for joint, angle in zip(joints, pose, strict=True):
+            state = bullet.getJointState(robot, joint)
+            torque = kp * (angle - state[_POSITION]) - kd * state[_SPEED]
+            bullet.setJointMotorControl2(robot, joint, module.TORQUE_CONTROL, force=torque)
+
+    return hold, f"PD holds {len(joints)} joints: {kp:g} N m/rad, {kd:g} N m s/rad"
+
+
+def _gains(controller: str) -> tuple[float, float]:
+    """(KP, KD) of the text "pd:KP,KD", N m/rad and N m s/rad, or for slides N/m and N s/m.
+
+    controller: the text. Raises UserError for another text or another number of gains,
+    QuantityError for one that is not a number from 0 up.
+    """
+    kind, _, text = controller.partition(":")
+    gains = [units.parse(gain, "number", "controller", least=0.0) for gain in text.split(",")]
+    if kind != "pd" or len(gains) != _GAINS:
+        expected = "pd, pd:KP,KD, ctrl, or FILE.py:FUNCTION"
+        raise UserError("controller", repr(controller)[:60], expected)
+    return gains[0], gains[1]

@@ -1,0 +1,217 @@
+"""Drops a robot in any engine, and reads its motion for the quantities that judge the landing."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench.sim.landing import (
+    DROPS,
+    FALLEN,
+    LATE_S,
+    PARTED_S,
+    REST_SPEED,
+    SECONDS,
+    SECONDS_TO_FALL,
+    TAIL_S,
+    DropTest,
+    Landed,
+    Robot,
+    RobotDrop,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from hcbench.terms.impact import Floats
+
+# A centre of mass that is farther from its start, m, has diverged.
+_FARTHEST = 50.0
+
+
+class DropBench(ABC):
+    """A robot over its floor, in its pose, that an engine drops as often as it is asked.
+
+    timestep: s. gravity: m/s².
+    """
+
+    robot: Robot
+    timestep: float
+    gravity: float
+
+    @abstractmethod
+    def test(self, seconds: float, drops: Sequence[RobotDrop] = DROPS) -> DropTest:
+        """Drop the robot with the contacts that it has now. seconds: of each drop."""
+
+    def whole_test(self, like: DropTest | None) -> DropTest:
+        """Every drop, as long as those of `like`; None: as long as a robot that stands takes to rest,
+        or as one that falls over takes to touch.
+        """
+        if like is not None:
+            return self.test(like.seconds)
+        # A robot that falls over lies by chance: only its touch can be compared.
+        if self.test(SECONDS, DROPS[-1:]).fell:
+            return self.test(SECONDS_TO_FALL)
+        test = self.test(SECONDS)
+        return self.test(SECONDS_TO_FALL) if test.fell else test
+
+
+@dataclass(frozen=True, slots=True)
+class DropMotion:
+    """A drop as an engine shows it, SI: a row for each of n steps.
+
+    centre, velocity, (n, 3): of the centre of mass. force, (n,): of the floor along the vertical.
+    distance, (n,): of the deepest point to the floor, below 0 inside. energy, (n,): of the robot,
+    with that of what holds its pose as a spring.
+    """
+
+    centre: Floats
+    velocity: Floats
+    force: Floats
+    distance: Floats
+    energy: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class DroppedRobot:
+    """A robot whose motion is read.
+
+    timestep: s. gravity: m/s². up: unit vector against it, (3,). weight: N. height: of the centre
+    of mass over the lowest point at release, m.
+    """
+
+    timestep: float
+    gravity: float
+    up: Floats
+    weight: float
+    height: float
+
+    def landed(self, motion: DropMotion, height: float) -> Landed | None:
+        """The quantities of the landing that a motion shows; None where the robot flies off or never
+        touches the floor, or where a number is not finite.
+
+        height: of the lowest point at release, m.
+        """
+        if not _is_finite(motion):
+            return None
+        pushes = motion.force > 0.0
+        if np.abs(motion.centre - motion.centre[0]).max() > _FARTHEST or not pushes.any():
+            return None
+        touch = int(np.argmax(pushes))
+        flights = _flights(pushes, touch, self.timestep)
+        rising = motion.velocity @ self.up
+        fastest = max((float(rising[start]) for start, _ in flights), default=0.0)
+        end = self._settling(motion, touch, flights)
+        return Landed(
+            # The height that a throw at this speed reaches.
+            rebound=max(fastest, 0.0) ** 2 / (2.0 * self.gravity),
+            peak=float(motion.force.max()) / self.weight,
+            depth=-float(motion.distance.min()),
+            gain=_gain(motion.energy, touch, flights) / (self.weight * height),
+            rest=end.rest,
+            sink=end.sink,
+            travel=end.travel,
+            creep=end.creep,
+            vibration=end.vibration,
+            late=end.late,
+            sag=end.sag,
+            fell=end.fell,
+        )
+
+    def _settling(
+        self, motion: DropMotion, touch: int, flights: list[tuple[int, int]]
+    ) -> _Settling:
+        """The end of a drop: how the robot came to rest after the touch, and lies in the last
+        TAIL_S seconds.
+
+        touch: number of the first step in which the floor pushes. flights: see `_flights`. Unknown,
+        with NaN, for a drop that ends before LATE_S + TAIL_S.
+        """
+        h = self.timestep
+        count = len(motion.force)
+        if not count * h > LATE_S + TAIL_S:
+            return _Settling()
+        tail = slice(max(touch, count - round(TAIL_S / h)), count)
+        height = motion.centre @ self.up
+        place = motion.centre - np.outer(height, self.up)
+        velocity = motion.velocity[tail]
+        speed = np.linalg.norm(motion.velocity, axis=1)
+        last_moving = int(np.flatnonzero(speed > REST_SPEED)[-1])
+        # Never, if it still moves in the last two steps.
+        rest = math.inf if last_moving >= count - 2 else (last_moving + 1 - touch) * h
+        about_mean = velocity - velocity.mean(0)
+        sink = -float(np.median(motion.distance[tail]))
+        lowered = float(height[touch]) - float(np.median(height[tail]))
+        return _Settling(
+            rest=rest,
+            sink=sink,
+            travel=float(np.linalg.norm(place[-1] - place[touch])),
+            creep=float(np.linalg.norm(place[-1] - place[tail.start])) / ((count - tail.start) * h),
+            vibration=float(np.sqrt((about_mean**2).sum(1).mean())),
+            late=float(sum(start * h > LATE_S for start, _ in flights)),
+            # The legs give way by what the contacts do not.
+            sag=lowered - sink,
+            fell=lowered > (1.0 - FALLEN) * self.height,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Settling:
+    """The end of a drop; NaN and false for a drop that is too short to settle.
+
+    rest: time from the touch until it lies still, s, infinite if it does not. sink: of the deepest
+    point into the floor, m. travel: along the floor since the touch, m.
+    creep: mean speed along the floor in the end, m/s. vibration: rms of the centre's velocity about
+    its mean there, m/s. late: number of flights that begin after LATE_S.
+    sag: lowering of the centre since the touch that is not sink, m. fell: whether the robot fell
+    over.
+    """
+
+    rest: float = math.nan
+    sink: float = math.nan
+    travel: float = math.nan
+    creep: float = math.nan
+    vibration: float = math.nan
+    late: float = math.nan
+    sag: float = math.nan
+    fell: bool = False
+
+
+def _is_finite(motion: DropMotion) -> bool:
+    every = (motion.centre, motion.velocity, motion.force, motion.distance, motion.energy)
+    return all(bool(np.isfinite(each).all()) for each in every)
+
+
+def _flights(pushes: NDArray[np.bool_], touch: int, timestep: float) -> list[tuple[int, int]]:
+    """(first step, step after the last) of each flight after the touch that is longer than chatter.
+
+    pushes: of each step, whether the floor pushes, (n,). touch: number of the first that does.
+    timestep: s.
+    """
+    off = ~pushes
+    off[:touch] = False
+    edges = np.diff(np.concatenate([[0], off.astype(int), [0]]))
+    starts = np.flatnonzero(edges == 1)
+    ends = np.flatnonzero(edges == -1)
+    lasting = (ends - starts) * timestep >= PARTED_S
+    return list(zip(starts[lasting].tolist(), ends[lasting].tolist(), strict=True))
+
+
+def _gain(energy: Floats, touch: int, flights: list[tuple[int, int]]) -> float:
+    """Most energy that a flight begins with beyond the least before it, J; 0 for none.
+
+    energy: of each step, J, (n,). Before the first flight the least is the energy at the touch; a
+    flight that the contact throws up with more was given it by the contact.
+    """
+    least = float(energy[max(touch - 1, 0)])
+    gain = 0.0
+    for start, end in flights:
+        gain = max(gain, float(energy[start]) - least)
+        least = min(least, float(energy[end - 1]))
+    return gain

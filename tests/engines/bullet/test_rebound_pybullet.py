@@ -1,0 +1,149 @@
+"""A robot of PyBullet tuned by its rebound: what is printed holds in a loop of plain PyBullet, at
+phases that no search saw.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+from bullet_hopper import FLOOR, ROBOT
+from long_searches import long_search
+
+import hcbench as hb
+from hcbench.cli import run
+from hcbench.sim.landing import HEIGHTS, PHASES, DropTest
+from hcbench.system.errors import UserError
+from hcbench.workers import process
+
+p = pytest.importorskip("pybullet")
+BulletClient = pytest.importorskip("pybullet_utils.bullet_client").BulletClient
+pytestmark = pytest.mark.skipif(not process.CAN_FORK, reason="needs a system that forks")
+
+G = 9.81
+H = 1.0 / 240.0
+TARGET = 4e-3
+UNSEEN = (0.13, 0.39, 0.61, 0.88)
+
+
+@pytest.fixture(scope="module")
+def files() -> Iterator[tuple[str, str]]:
+    """A robot of a trunk on a foot, and a floor whose top is half a metre up."""
+    with TemporaryDirectory() as folder:
+        names = (Path(folder) / "hopper.urdf", Path(folder) / "floor.urdf")
+        names[0].write_text(ROBOT)
+        names[1].write_text(FLOOR)
+        yield str(names[0]), str(names[1])
+
+
+@cache
+def tuned(files: tuple[str, str], **target: Any) -> hb.TunedModel:
+    return hb.tune_model(list(files), gravity=G, **target)
+
+
+def landings(found: hb.TunedModel) -> tuple[DropTest, DropTest]:
+    assert found.landing is not None
+    return found.landing.before, found.landing.after
+
+
+def dropped(files: tuple[str, str], lines: str, phase: float, seconds: float) -> dict[str, float]:
+    """A drop from 10 cm with some lines in the script: rebound, m, and the speed at the end, m/s, of
+    the centre of mass by its momentum; largest force over weight and penetration, m, by contacts.
+    """
+    world = BulletClient(p.DIRECT)
+    height = max(HEIGHTS) + phase * H * (2.0 * G * max(HEIGHTS)) ** 0.5
+    robot = world.loadURDF(files[0], [0, 0, 0.5 + 0.22 + height])
+    floor = world.loadURDF(files[1])
+    world.setGravity(0, 0, -G)
+    world.setJointMotorControl2(robot, 0, p.POSITION_CONTROL, targetPosition=0, force=400)
+    exec(lines, {"p": world, "hopper": robot, "floor": floor})
+    touched, flying, rising, fastest, peak, depth = False, 0, 0.0, 0.0, 0.0, 0.0
+    for _ in range(round(seconds / H)):
+        before = _speed(world, robot)
+        world.stepSimulation()
+        points = [one for one in world.getContactPoints(robot, floor) if one[9] > 0.0]
+        peak = max(peak, sum(one[9] for one in points) / (2.5 * G))
+        depth = max([depth, *(-one[8] for one in points)])
+        flying = 0 if points else flying + 1
+        rising = before if flying == 1 else rising
+        touched |= bool(points)
+        if touched and flying * H >= 0.005:
+            fastest = max(fastest, rising)
+    end = abs(_speed(world, robot))
+    return {"rebound": fastest**2 / (2 * G), "peak": peak, "depth": depth, "end": end}
+
+
+def _speed(world: Any, robot: int) -> float:
+    foot = world.getLinkState(robot, 0, computeLinkVelocity=1, computeForwardKinematics=1)[6]
+    return float((2.0 * world.getBaseVelocity(robot)[0][2] + 0.5 * foot[2]) / 2.5)
+
+
+def test_the_centre_of_mass_rebounds_by_the_target_in_a_plain_loop(files: tuple[str, str]) -> None:
+    found = tuned(files, rebound=TARGET)
+    assert found.gains
+    _, after = landings(found)
+    drops = [dropped(files, found.text, phase, 0.6) for phase in PHASES]
+    seen = [drop["rebound"] for drop in drops]
+    assert np.mean(seen) == pytest.approx(TARGET, rel=0.1)
+    assert np.mean(seen) == pytest.approx(after.rebound, rel=0.03)
+    assert max(drop["peak"] for drop in drops) <= 1.001 * after.peak
+    assert max(drop["depth"] for drop in drops) <= 1.001 * after.depth
+    unseen = [dropped(files, found.text, phase, 0.6)["rebound"] for phase in UNSEEN]
+    assert np.mean(unseen) == pytest.approx(after.rebound, abs=1.5 * after.spread)
+
+
+def test_the_lines_let_the_robot_rest(files: tuple[str, str]) -> None:
+    assert dropped(files, tuned(files, rebound=TARGET).text, UNSEEN[0], 2.0)["end"] < 1e-3
+
+
+def test_the_model_as_it_is_is_judged_by_the_same_drops(files: tuple[str, str]) -> None:
+    before, after = landings(tuned(files, rebound=TARGET))
+    drops = [dropped(files, "", phase, 0.6) for phase in PHASES]
+    assert before.rebound == pytest.approx(np.mean([drop["rebound"] for drop in drops]), abs=1e-6)
+    assert max(drop["peak"] for drop in drops) <= 1.001 * before.peak
+    assert 0.5 * before.peak < max(drop["peak"] for drop in drops)
+    assert not list(after.worse_than(before, TARGET))
+    # Few drops last long enough to show a rest.
+    assert (before.settled, after.settled) == (3, 3)
+
+
+def test_what_stops_already_is_left(
+    files: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["tune", *files, "--gravity", "9.81", "--restitution", "0"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "has this rebound already: there is nothing to paste" in out
+    assert "those of 3 of them, which last 10 s" in out
+
+
+@long_search
+def test_a_rebound_out_of_reach_is_refused_with_the_largest_one(files: tuple[str, str]) -> None:
+    found = tuned(files, rebound=0.05)
+    assert not found.gains
+    assert found.landing is not None
+    assert found.landing.reach is not None
+    assert 2e-3 < found.landing.reach.rebound < 0.05
+    assert "largest rebound without a worse landing" in found.no_gain
+
+
+@long_search
+def test_a_restitution_with_which_the_robot_lands_worse_is_not_handed_out(
+    files: tuple[str, str],
+) -> None:
+    found = tuned(files, restitution=0.8)
+    assert found.landing is not None
+    assert found.gains is (not found.landing.worse)
+
+
+def test_what_is_no_robot_has_no_rebound(files: tuple[str, str], tmp_path: Path) -> None:
+    block = tmp_path / "block.urdf"
+    block.write_text(FLOOR.replace('mass value="0"', 'mass value="1"').replace("9 9 1", ".1 .1 .1"))
+    with pytest.raises(UserError, match="no joint of"):
+        hb.tune_model([str(block), files[1]], rebound="5 mm", gravity=G, engine="pybullet")
+    with pytest.raises(UserError, match="gravity"):
+        hb.tune_model(list(files), rebound="5 mm")
