@@ -113,6 +113,7 @@ TUNE = ("tune", "mujoco", "--alpha", "0.3 s/m", "--timestep", "2 ms")
         (("law", "--alpha", "0.008 s/in", "--speed", "8 in/s"), "", "0.2 s", "0.15 s"),
         (("convert", "--alpha", "0.008 s/in"), "", "0.45 s", "0.2 s"),
         (("tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-3"), "", "2 s", "0.7 s"),
+        (TUNE, "mujoco at 2 ms, all kinds", "1.5 s", "0.8 s"),
         ((*TUNE, "--plugin"), "--plugin", "0.8 s", "0.4 s"),
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",

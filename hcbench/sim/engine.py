@@ -165,9 +165,16 @@ class Engine(ABC):
         speeds: the band, m/s.
         whole: run the long test instead, with drops of half a minute.
         train: the longest train of bounces that the target allows after a drop; None: it must rest.
+        Boxes are not tried here, but by the long test: `with_boxes` does it where they matter.
         Raises what `run` raises.
         """
         return passivity_of(self, scene, setting, speeds, whole, train)
+
+    def with_boxes(self, scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
+        """Return what `passivity` found with findings for boxes and a capsule; unchanged where the
+        engine tries none.
+        """
+        return passivity
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
         """Return the setting with Coulomb's μ added to its contact, for pasting."""

@@ -392,7 +392,7 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
         train: LongestTrain | None = None,
     ) -> Passivity:
         """Test a setting for energy by impacts along the normal here, and in `model_engine` as that
-        one does: what slides, boxes and a capsule.
+        one does: what slides.
 
         With a law all is tested here. Arguments and errors as of `Engine.passivity`.
         """
@@ -402,6 +402,13 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
         other = registry.engine(self.model_engine)
         there = other.passivity(scene, self._shared(setting), speeds, whole, train)
         return replace(there, bounces=here.bounces.joined(there.bounces))
+
+    def with_boxes(self, scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
+        """Try boxes and a capsule in `model_engine`; none with a law."""
+        if self.law(setting) is not None:
+            return passivity
+        other = registry.engine(self.model_engine)
+        return other.with_boxes(scene, self._shared(setting), passivity)
 
 
 def shared_recipes(

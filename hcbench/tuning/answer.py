@@ -285,7 +285,8 @@ class Answer(Drawn):
             if choice.tuned is not None:
                 return choice.tuned
         plug_in = registry.recipes(self.engine)[self.best.setting.name]
-        return make_tuned(plug_in, "a law in place of the contact", self.target, self.scene, None)
+        why = "a law in place of the contact"
+        return make_tuned(plug_in, why, self.target, self.scene, None).with_boxes()
 
     @property
     def _best_native(self) -> Choice | None:

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -92,7 +93,9 @@ class Evaluation:
     below: float = math.nan
 
 
-def held_out_launches(target: Target) -> list[Launch]:
+# Each setting of an answer is tried by the same launches.
+@lru_cache(maxsize=2)
+def held_out_launches(target: Target) -> Sequence[Launch]:
     """Launches that judge a setting: 9 speeds, each at 8 phases of the step, then 400 at random.
 
     Always the same of one target. Speeds are those at touch, both ends of the band among them; with
@@ -109,7 +112,7 @@ def held_out_launches(target: Target) -> list[Launch]:
     speeds = np.concatenate([speed, target.speed_min + _width(target) * shares])
     where = np.concatenate([phase, random.uniform(0.001, 0.999, _RANDOM)])
     slips = np.concatenate([np.zeros(speed.size), random.uniform(size=_RANDOM)]) * target.speed_max
-    return _launches(target, speeds, where, slips)
+    return tuple(_launches(target, speeds, where, slips))
 
 
 def corner_launches(target: Target) -> list[Launch]:
@@ -175,7 +178,7 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
         at_an_angle = registry.engine(oblique.engine).run(scene, oblique, others)
         return engine.run(scene, setting, straight) + at_an_angle
 
-    launches = held_out_launches(target)
+    launches = [*held_out_launches(target)]
     if oblique is not None and oblique.engine != engine.name:
         # Its own steps are judged by as many launches.
         launches += held_out_launches(replace(target, friction=0.0))[_SPEEDS * _PHASES :]
@@ -187,16 +190,20 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
     # Each launch that never parts takes seconds of simulated time: hundreds would say no more.
     if not all(impact.is_measured for impact in impacts):
         return evaluate_impacts(impacts, target, scene)
-    impacts += run(launches[grid:])
-    random = np.random.default_rng(_SEED)
+    others = launches[grid:]
     if target.friction:
-        impacts += run(oblique_launches(target))
+        others += oblique_launches(target)
+    impacts += run(others)
+    random = np.random.default_rng(_SEED)
     measures: list[_Measure] = [_errors]
     if target.friction:
         measures.append(_friction_errors)
+    # Of each measure, the errors of the impacts until now.
+    off: dict[_Measure, Floats] = {errors: np.empty(0) for errors in measures}
     for closer, errors in itertools.product(range(_ROUNDS), measures):
-        off = np.nan_to_num(errors(impacts, target, scene), nan=-1.0)
-        worst = impacts[int(off.argmax())]
+        of_new = np.nan_to_num(errors(impacts[off[errors].size :], target, scene), nan=-1.0)
+        off[errors] = np.concatenate([off[errors], of_new])
+        worst = impacts[int(off[errors].argmax())]
         reach = _NEARBY / 4.0**closer
         impacts += run(_near(worst, target, reach, random))
     impacts += run(corner_launches(target))
@@ -347,7 +354,8 @@ MOTIONS = (
 )
 
 
-def oblique_launches(target: Target) -> list[Launch]:
+@lru_cache(maxsize=1)
+def oblique_launches(target: Target) -> Sequence[Launch]:
     """Launches over the target's band, of speeds at touch: each speed and phase with each of
     MOTIONS.
 
@@ -358,7 +366,7 @@ def oblique_launches(target: Target) -> list[Launch]:
     for v, phase, (slip, spin) in itertools.product(speeds, PHASES, MOTIONS):
         launch = Launch.touching(v, phase, target.timestep, target.gravity, slip=slip)
         launches.append(replace(launch, spin=spin))
-    return launches
+    return tuple(launches)
 
 
 def friction_error(impacts: Sequence[Impact], scene: Scene) -> float:

@@ -342,6 +342,9 @@ class _Finder:
                 continue
             if not math.isfinite(tuned.error):
                 self._refused = self._refused or self._failure(tuned)
+            # Else boxes speak against no setting: they are tried of what is chosen alone.
+            if self.target.corners > 1:
+                tuned = tuned.with_boxes()
             if tuned.flaws:
                 self.never.append(Never(recipe.name, tuned.flaws))
                 continue
@@ -363,7 +366,10 @@ class _Finder:
         )
 
     def choice(self, kind: Kind, tuned: Tuned) -> Choice:
-        """A setting that was evaluated, as a choice: with its text, and the promise of its error."""
+        """A setting that was evaluated, as a choice: with boxes tried, its text, and the promise of
+        its error.
+        """
+        tuned = tuned.with_boxes()
         setting = tuned.setting
         target = self.target
         band = target.speed_min, target.speed_max
@@ -475,6 +481,7 @@ class _Finder:
             passivity = self._adapter.passivity(
                 self.scene, setting, (low, target.speed_max), train=train
             )
+            passivity = self._adapter.with_boxes(self.scene, setting, passivity)
         except (EngineMissing, EngineFailed):
             passivity = None
         if passivity is not None and not self._bounces(setting, (low, target.speed_max)):

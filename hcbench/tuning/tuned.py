@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from hcbench.recipes.recipe import Recipe, Role, first
@@ -65,6 +65,14 @@ class Tuned(Drawn):
         """The largest e in the band, below it and in drops."""
         return max(self.evaluation.max_e, self.passivity.bounces.max_e)
 
+    def with_boxes(self) -> Tuned:
+        """The same with boxes and a capsule tried, where the engine tries any."""
+        if self.passivity.flat is not None:
+            return self
+        adapter = registry.engine(self.recipe.engine)
+        passivity = adapter.with_boxes(self.scene, self.setting, self.passivity)
+        return replace(self, passivity=passivity)
+
     @property
     def rest_failures(self) -> list[str]:
         """Reasons why a body does not rest under the setting, a phrase each; empty if it rests."""
@@ -107,7 +115,7 @@ class Tuned(Drawn):
 def make_tuned(
     recipe: Recipe, why: str, target: Target, scene: Scene, integrator: str | None
 ) -> Tuned:
-    """A recipe's setting, evaluated in its engine: errors of e, energy and rest.
+    """A recipe's setting, evaluated in its engine: errors of e, energy and rest of a ball.
 
     why: it was chosen, as a sentence. integrator: None for the recipe's own.
     Raises SettingError where the recipe cannot serve the target, and what the engine raises.

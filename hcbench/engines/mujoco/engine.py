@@ -222,7 +222,7 @@ class MujocoEngine(
         whole: bool = False,
         train: LongestTrain | None = None,
     ) -> Passivity:
-        """Test for energy in the model of the rows, and boxes and what slides in plain MuJoCo.
+        """Test for energy in the model of the rows, and what slides in plain MuJoCo.
 
         speeds: lowest and highest of the band, m/s.
         whole: all in plain MuJoCo, under every option that the setting allows; minutes.
@@ -239,6 +239,12 @@ class MujocoEngine(
             return passivity
         passivity = super().passivity(scene, setting, speeds, whole, train)
         return with_law(scene, setting, passivity)
+
+    def with_boxes(self, scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
+        """Try boxes and a capsule in plain MuJoCo; none in a cup, and none of a force law."""
+        from hcbench.engines.mujoco.passivity import judge
+
+        return judge.with_boxes(scene, setting, passivity)
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
         """The setting with friction in its force law, or in each of its rows.

@@ -12,7 +12,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from hcbench.engines.mujoco.passivity import judge
+from hcbench.engines.mujoco.model import simulation
+from hcbench.engines.mujoco.passivity import judge, plain
 from hcbench.engines.mujoco.passivity.judge import bounces_in_rows, screened
 from hcbench.engines.mujoco.passivity.plain import certify
 from hcbench.engines.mujoco.scene.mjcf import read_options
@@ -104,7 +105,7 @@ def test_the_whole_gate_passes_what_the_screen_passes_under_friction() -> None:
     )
     assert gate.sphere, gate.warning
     assert gate.slope_drift < 1e-4
-    assert gate.flat == screen.flat
+    assert gate.flat == judge.with_boxes(SCENE, setting, screen).flat
     assert {finding.under for finding in gate.findings} == {"implicitfast, elliptic, Newton"}
     assert {str(run) for run in runs} >= {"Euler, elliptic, PGS", "implicit, elliptic, Newton"}
 
@@ -116,8 +117,47 @@ def test_the_plug_in_passes_the_whole_gate_too() -> None:
     assert gate.flat, [finding for finding in gate.findings if not finding.passed]
     assert gate.bounces.max_e < 1.0
     alone = Passivity(gate.bounces)
-    assert judge.with_law(SCENE, made("restitution-law"), alone).flat
+    assert judge.with_boxes(SCENE, made("restitution-law"), alone).flat
     assert judge.with_law(SCENE, made("impulse"), alone) is alone
+
+
+@pytest.mark.skipif(judge._library() is None, reason="no C compiler")
+@pytest.mark.parametrize(
+    ("recipe", "off"),
+    [
+        ("spring-damper", 0.0),
+        ("compliant", 0.0),
+        # NumPy's power is not the C library's on every processor: slow bounces amplify its last bit.
+        pytest.param("compliant-pairs", 1e-6, marks=pytest.mark.adhesion),
+    ],
+)
+def test_drops_in_c_are_those_in_numpy(recipe: str, off: float) -> None:
+    rows = read_options(made(recipe).options).all_rows
+    drops = judge._Drops(rows, STEP, G)
+    v = np.repeat(np.geomspace(0.003, 2.0, 6), 4)
+    starts = drops.touching(v, np.tile([0.1, 0.4, 0.6, 0.9], 6)), drops.from_rest(v**2 / (2.0 * G))
+    for states, is_single in zip(starts, (True, False), strict=True):
+        max_e, gains_below, rebounds = drops.run(states.copy(), is_single)
+        expected = drops._run_by_arrays(states.copy(), is_single)
+        assert max_e == pytest.approx(expected[0], rel=off, abs=0.0)
+        assert gains_below == pytest.approx(expected[1], rel=off, abs=0.0)
+        assert rebounds == pytest.approx(expected[2], rel=off, abs=0.0)
+
+
+@pytest.mark.skipif(simulation._library() is None, reason="no C compiler")
+def test_a_body_takes_the_same_steps_in_c_as_in_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    contact, runs = judge.tried(replace(SCENE, friction=0.5), made("compliant", 0.5))
+    model = contact.with_boxes(runs[0])
+    paths = []
+    for library in (simulation._library(), None):
+        monkeypatch.setattr(simulation, "_library", lambda library=library: library)
+        data = mujoco.MjData(model)
+        data.qpos[2] += 0.01
+        data.qvel[:] = 0.3, 0.0, -0.5, 0.0, 2.0, 1.0
+        paths.append(plain._stepped(model, data, 300))
+    for in_c, in_python in zip(*paths, strict=True):
+        np.testing.assert_array_equal(in_c, in_python)
+    assert set(paths[0][0]) > {0}
 
 
 def test_a_spring_that_throws_a_ball_up_is_named() -> None:

@@ -81,6 +81,18 @@ static void caught(const char* text) {
   longjmp(*on_error, 1);
 }
 
+// From here to `end_catching` MuJoCo's fatal errors of this thread jump to `here`.
+static void begin_catching(jmp_buf* here) {
+  handler_before = mju_user_error == caught ? handler_before : mju_user_error;
+  mju_user_error = caught;
+  on_error = here;
+}
+
+static void end_catching(void) {
+  on_error = NULL;
+  mju_user_error = handler_before;
+}
+
 // The words of the error that ended the last call of this thread.
 const char* fatal_error(void) { return error_text; }
 
@@ -301,18 +313,36 @@ int advance(const mjModel* m, mjData* d, const Pair* pair, Launch* launch, int s
   static _Thread_local Work work;
   work = (Work){memory, memory + nv, memory + 2 * nv, memory + 3 * nv, memory + 4 * nv, NULL, 0};
   jmp_buf here;
-  handler_before = mju_user_error == caught ? handler_before : mju_user_error;
-  mju_user_error = caught;
-  on_error = &here;
+  begin_catching(&here);
   int taken = FATAL_ERROR;
   if (!setjmp(here)) {
     taken = take_steps(m, d, pair, launch, steps, after, read, parts, is_counted, &work);
   } else {
     taken = FATAL_ERROR;
   }
-  on_error = NULL;
-  mju_user_error = handler_before;
+  end_catching();
   free(work.of_rows);
   free(memory);
   return taken;
+}
+
+// Step a free body, the only one of its model. Of each step: into `contacts` the number of contacts
+// in the step before, and into `speeds`, (steps, 6), qvel at its start; into `heights` the body's
+// height after it, m. Returns 0, or FATAL_ERROR as `advance`.
+int follow(const mjModel* m, mjData* d, int steps, int32_t* contacts, double* speeds,
+           double* heights) {
+  jmp_buf here;
+  begin_catching(&here);
+  int result = FATAL_ERROR;
+  if (!setjmp(here)) {
+    for (int k = 0; k < steps; k++) {
+      contacts[k] = (int32_t)d->ncon;
+      memcpy(speeds + 6 * (size_t)k, d->qvel, 6 * sizeof *speeds);
+      mj_step(m, d);
+      heights[k] = d->qpos[2];
+    }
+    result = 0;
+  }
+  end_catching();
+  return result;
 }

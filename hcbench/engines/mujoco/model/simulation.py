@@ -26,6 +26,8 @@ from hcbench.terms.impact import TANGENTIAL_ROWS, Launch
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from numpy.typing import NDArray
+
     from hcbench.engines.mujoco.model.open import LaunchWorkspace, OpenedModel
     from hcbench.sim.world import Flags
     from hcbench.terms.impact import Floats, Launch
@@ -500,7 +502,26 @@ def _library() -> ctypes.CDLL | None:
         *(pointer, pointer, ctypes.POINTER(_Pair), ctypes.POINTER(_Launch)),
         *(count, count, pointer, pointer, pointer),
     ]
+    library.follow.argtypes = [pointer, pointer, count, pointer, pointer, pointer]
     return library
+
+
+def follow_in_c(
+    model: Any, data: Any, contacts: NDArray[np.int32], speeds: Floats, heights: Floats
+) -> bool:
+    """Step the one free body of a model as often as the arrays are long; False without the library.
+
+    contacts, speeds, heights: filled: contacts in the step that led to each of n states, (n,), qvel
+    there, (n, 6), and the height after the step from it, m, (n,).
+    Raises MuJoCo's FatalError.
+    """
+    library = _library()
+    if library is None:
+        return False
+    arrays = [array.ctypes.data for array in (contacts, speeds, heights)]
+    if library.follow(model._address, data._address, len(contacts), *arrays) == _FATAL_ERROR:
+        raise backend().FatalError(library.fatal_error().decode(errors="replace"))
+    return True
 
 
 def flights_of(opened: OpenedModel, launches: Sequence[Launch]) -> list[MujocoFlight]:

@@ -4,9 +4,10 @@ gate; and what its cone and impratio, which are of the whole model, do to other 
 
 from __future__ import annotations
 
+import ctypes
 import math
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,6 +35,8 @@ from hcbench.sim.passivity import (
     Passivity,
     allowed_rebounds,
 )
+from hcbench.system.compiler import build
+from hcbench.system.errors import HcbenchError
 from hcbench.terms.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -51,6 +54,8 @@ if TYPE_CHECKING:
 _RESTED = 200
 # Steps in contact of each drop: of finer time steps the rest is left to the whole gate.
 _MOST_STEPS = 6000
+# The most rows of a setting in drops.c; of others NumPy takes the steps.
+_MOST_ROWS = 64
 # Single launches start at this share of the band's lowest speed; so many
 # speeds, at so many phases each.
 _SLOW = 0.1
@@ -79,11 +84,16 @@ def bounces_in_rows(
     later = (np.arange(_PHASES) + 0.5) / _PHASES
     v, phase = (axis.ravel() for axis in np.meshgrid(u, later, indexing="ij"))
     drops = _Drops(rows, timestep, gravity)
-    impacts = drops.run(drops.touching(v, phase), np.zeros(v.size), impacts=1)
+    max_e, gains_below, _ = drops.run(drops.touching(v, phase), is_single=True)
+    impacts = Bounces(max_e, gains_below, still_bouncing=0, tried=v.size)
     if gravity == 0.0:
         return impacts
-    allowed = allowed_rebounds(train, HEIGHTS, gravity)
-    return impacts.joined(drops.run(drops.from_rest(np.array(HEIGHTS)), allowed))
+    max_e, gains_below, rebounds = drops.run(drops.from_rest(np.array(HEIGHTS)), is_single=False)
+    bouncing = 0
+    # The target's own trains take longer to compute than the drops, and most drops rest.
+    if rebounds.any():
+        bouncing = int((rebounds > allowed_rebounds(train, HEIGHTS, gravity)).sum())
+    return impacts.joined(Bounces(max_e, gains_below, bouncing, len(HEIGHTS)))
 
 
 class _Drops:
@@ -99,26 +109,19 @@ class _Drops:
         self._g = gravity
 
     def touching(self, speeds: Floats, phases: Floats) -> Floats:
-        """States, (5, n), of drops in their first step in contact.
+        """States, (3, n), of drops in their first step in contact.
 
         speeds: at touch, m/s, (n,). phases: where in a step each touches, 0 to 1, (n,).
         """
         time = self._h * (1.0 - phases)
         x = speeds * time + self._g * time**2 / 2.0
-        return self._states(x, speeds + self._g * (time - self._h / 2.0), speeds)
+        return np.stack([x, speeds + self._g * (time - self._h / 2.0), speeds])
 
     def from_rest(self, heights: Floats) -> Floats:
         """States of drops that fall from these heights, m."""
         at_rest = np.zeros(len(heights))
-        states = self._states(-heights, at_rest, self._kept(-heights, at_rest))
-        states[0], states[1], _ = self._flown(states[0], states[1])
-        return states
-
-    def _states(self, x: Floats, v: Floats, speed_in: Floats) -> Floats:
-        """Penetration, rate, speed at the last touch, time, and steps
-        since the last flight; (5, n).
-        """
-        return np.stack([x, v, speed_in, *np.zeros((2, len(x)))])
+        x, v, _ = self._flown(-heights, at_rest)
+        return np.stack([x, v, self._kept(-heights, at_rest)])
 
     def _kept(self, x: Floats, v: Floats) -> Floats:
         """Speed at the touch plane of a flight, m/s."""
@@ -137,20 +140,35 @@ class _Drops:
         fallen = x + steps * h * half + g * h**2 * steps**2 / 2.0
         return fallen, v + g * h * steps, steps * h
 
-    def run(self, states: Floats, allowed: Floats, impacts: float = math.inf) -> Bounces:
-        """Simulate until each drop has rested, or LASTS (s) are over, and count its bounces.
+    def run(self, states: Floats, is_single: bool) -> tuple[float, float, Floats]:
+        """Simulate until each drop has rested, or LASTS (s) are over, and look at its bounces.
 
-        states: (5, n): penetration, rate, speed at the last touch, time and steps since the last
-        flight; changed.
-        allowed: rebound speed of each drop at the end that its target allows, m/s, (n,).
-        impacts: 1 ends each drop with its first rebound; infinite lets it bounce on.
-        Returns the largest e, the fastest touch of those that gain energy, and the number of drops
-        that bounce on.
+        states: (3, n): penetration, rate and speed at the last touch; changed.
+        is_single: true where each drop ends with its first rebound.
+        Returns the largest e, the fastest touch of those that gain energy, m/s, and of each drop
+        the speed of the bounce under way at the end, 0 for one that rests.
         """
+        library = _library()
+        if library is None or len(self._rows) > _MOST_ROWS:
+            return self._run_by_arrays(states, is_single)
+        rows = (_Row * len(self._rows))(*map(_Row.of, self._rows))
+        goal = _Goal.of(self._h, self._g, len(self._rows), is_single)
+        rebounds = np.empty(states.shape[1])
+        extremes = np.empty(2)
+        arrays = [array.ctypes.data for array in (*states, rebounds, extremes)]
+        library.run_drops(ctypes.byref(goal), rows, states.shape[1], *arrays)
+        max_e, gains_below = extremes.tolist()
+        return max_e, gains_below, rebounds
+
+    def _run_by_arrays(self, states: Floats, is_single: bool) -> tuple[float, float, Floats]:
+        """Simulate as `run`, without the library: a step of all drops after the other."""
         count = states.shape[1]
         max_e = 0.0
         gains_below = 0.0
-        bouncing = 0
+        rebounds = np.zeros(count)
+        # Of those under way: their number among all, time, and steps since the last flight.
+        number = np.arange(count)
+        states = np.concatenate([states, np.zeros((2, count))])
         x, v, speed_in, clock, still = states
         for _ in range(_MOST_STEPS):
             v -= self._h * acceleration(self._rows, x, v, self._g)
@@ -164,7 +182,7 @@ class _Drops:
                 e = out / came
                 max_e = max(max_e, float(e.max()))
                 gains_below = max(gains_below, float(came[e > MOST_E].max(initial=0.0)))
-                if impacts == 1:
+                if is_single:
                     clock[parted] = math.inf
                 else:
                     speed_in[parted] = out
@@ -173,14 +191,84 @@ class _Drops:
                     clock[parted] += lasts
             going = (clock <= LASTS) & (still < _RESTED)
             if not going.all():
-                bounces_on = np.isfinite(clock) & (clock > LASTS) & (speed_in > allowed)
-                bouncing += int(bounces_on.sum())
-                allowed = allowed[going]
+                bounces_on = np.isfinite(clock) & (clock > LASTS)
+                rebounds[number[bounces_on]] = speed_in[bounces_on]
+                number = number[going]
                 states = states[:, going]
                 x, v, speed_in, clock, still = states
                 if not states.size:
                     break
-        return Bounces(max_e, gains_below, bouncing, count)
+        return max_e, gains_below, rebounds
+
+
+class _Row(ctypes.Structure):
+    """`Row` of drops.c, which says what its fields are."""
+
+    _names = "onset d0 dw width midpoint power early late stiffness squared damping may_pull"
+    _fields_ = tuple((name, ctypes.c_double) for name in _names.split())
+
+    @classmethod
+    def of(cls, row: ConstraintRow) -> _Row:
+        """The numbers of a row, as `acceleration` rounds them."""
+        d0, dw, width, midpoint, power = row.solimp
+        return cls(
+            onset=row.onset,
+            d0=d0,
+            dw=dw,
+            width=width,
+            midpoint=midpoint,
+            power=power,
+            early=midpoint ** (power - 1.0),
+            late=(1.0 - midpoint) ** (power - 1.0),
+            stiffness=row.stiffness,
+            squared=dw**2,
+            damping=row.damping / dw,
+            may_pull=row.adhesion != 0.0,
+        )
+
+
+class _Goal(ctypes.Structure):
+    """`Goal` of drops.c, which says what its fields are."""
+
+    _names = "h g half_gain twice_g gain fall most_e lasts rested"
+    _fields_ = (
+        *((name, ctypes.c_double) for name in _names.split()),
+        ("rows", ctypes.c_int),
+        ("most_steps", ctypes.c_int),
+        ("is_single", ctypes.c_int),
+    )
+
+    @classmethod
+    def of(cls, h: float, g: float, rows: int, is_single: bool) -> _Goal:
+        """The numbers of drops under a time step of h s and gravity of g m/s², in so many rows."""
+        return cls(
+            h=h,
+            g=g,
+            half_gain=g * h / 2.0,
+            twice_g=2.0 * g,
+            gain=g * h,
+            fall=g * h**2,
+            most_e=MOST_E,
+            lasts=LASTS,
+            rested=_RESTED,
+            rows=rows,
+            most_steps=_MOST_STEPS,
+            is_single=is_single,
+        )
+
+
+@cache
+def _library() -> ctypes.CDLL | None:
+    """The drops in C; None where they cannot be compiled."""
+    try:
+        library = ctypes.CDLL(str(build("engines/mujoco/passivity/drops.c")))
+    # Without a compiler or on a full disk NumPy does it.
+    except (HcbenchError, OSError):
+        return None
+    pointer = ctypes.c_void_p
+    library.run_drops.argtypes = [pointer, pointer, ctypes.c_int, *[pointer] * 5]
+    library.run_drops.restype = None
+    return library
 
 
 # A contact that is not tuned, beside the setting: the slope, rad, and time, s, of a ball at rest on
@@ -290,8 +378,8 @@ _CONES = ("elliptic", "pyramidal")
 def screened(
     scene: Scene, setting: Setting, speeds: tuple[float, float], train: LongestTrain | None = None
 ) -> Passivity | None:
-    """Test a setting for energy in the model of its rows, and boxes in
-    plain MuJoCo: a screen of about a second.
+    """Test a setting for energy in the model of its rows, and what slides in plain MuJoCo: a screen
+    of about a tenth of a second.
 
     speeds: lowest and highest of the band, m/s.
     train: the longest train of bounces that the target allows; None: none.
@@ -299,15 +387,11 @@ def screened(
     None for a setting without rows, in a cup, or under RK4 or discrete, which the model of rows
     does not step. Raises SettingError for an option that MuJoCo does not have.
     """
-    options = read_options(setting.options)
-    if (
-        not options.rows
-        or scene.form != "plane"
-        or (options.integrator or "Euler") not in _LIKE_EULER
-    ):
+    if not _is_screened(scene, setting):
         return None
+    options = read_options(setting.options)
     bounces = bounces_in_rows(options.all_rows, setting.timestep, scene.gravity, speeds, train)
-    passivity = _with_bodies(scene, setting, Passivity(bounces))
+    passivity = _with_sliding(scene, setting, Passivity(bounces))
     if not scene.gravity:
         return passivity
     contact, runs = tried(scene, setting)
@@ -321,30 +405,50 @@ def screened(
 
 
 def with_law(scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
-    """The passivity of a setting, with other bodies under its restitution law; as it is for other
+    """The passivity of a setting, with what slides under its restitution law; as it is for other
     laws.
     """
     if not _is_restitution_law(scene, setting):
         return passivity
-    return _with_bodies(scene, setting, passivity)
+    return _with_sliding(scene, setting, passivity)
 
 
-def _with_bodies(scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
-    """The passivity with more findings, in plain MuJoCo: of boxes that fall under the scene's
-    gravity, and with friction of what slides, spins and rolls.
+def _with_sliding(scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
+    """The passivity with findings of a ball that slides, spins and rolls, in plain MuJoCo; as it is
+    without friction.
     """
+    if not scene.friction:
+        return passivity
+    contact, runs = tried(scene, setting)
+    # A plug-in warns of bodies that turn far in a step: these are ours, and judged.
+    with captured_warnings():
+        return replace(passivity, sliding=tuple(ball_slides(contact, runs[0])))
+
+
+def with_boxes(scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
+    """The passivity with findings of boxes and a capsule, in plain MuJoCo: of boxes that fall under
+    the scene's gravity, and with friction of what slides and spins.
+
+    As it is for a setting that `screened` does not test, unless it has a restitution law.
+    """
+    if not (_is_screened(scene, setting) or _is_restitution_law(scene, setting)):
+        return passivity
     contact, runs = tried(scene, setting)
     flat: list[Finding] = []
-    sliding: list[Finding] = []
-    # A plug-in warns of bodies that turn far in a step: these are ours, and judged.
     with captured_warnings():
         if scene.gravity:
             flat += boxes(contact, runs[0])
         if scene.friction:
-            sliding = ball_slides(contact, runs[0])
             flat += boxes_slide(contact, runs[0])
     is_flat = all(finding.passed for finding in flat) if flat else None
-    return replace(passivity, flat=is_flat, boxes=tuple(flat), sliding=tuple(sliding))
+    return replace(passivity, flat=is_flat, boxes=tuple(flat))
+
+
+def _is_screened(scene: Scene, setting: Setting) -> bool:
+    """Say whether the model of rows steps a setting: it has rows, on a plane, as Euler steps."""
+    options = read_options(setting.options)
+    is_like_euler = (options.integrator or "Euler") in _LIKE_EULER
+    return bool(options.rows) and scene.form == "plane" and is_like_euler
 
 
 def _is_restitution_law(scene: Scene, setting: Setting) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import speed_reading
+from hcbench.engines.mujoco.model.simulation import follow_in_c
 from hcbench.sim.passivity import (
     HEIGHTS,
     LASTS,
@@ -314,16 +315,18 @@ def _followed(
     return _Path(float(grew), float(np.fmax.reduce(heights)) - body.high)
 
 
-def _stepped(model: Any, data: Any, steps: int) -> tuple[NDArray[np.int_], Floats, Floats]:
+def _stepped(model: Any, data: Any, steps: int) -> tuple[NDArray[np.int32], Floats, Floats]:
     """(number of contacts in the step that led to each of n states, (n,); its qvel, (n, 6); height
     of the body after the step from it, m, (n,)) of a body on a free joint.
 
     data: moved on by n = `steps` steps. Hundred thousands of them are taken here: what is computed
     from them waits for the end.
     """
-    contacts = np.empty(steps, dtype=int)
+    contacts = np.empty(steps, dtype=np.int32)
     speeds = np.empty((steps, 6))
     heights = np.empty(steps)
+    if follow_in_c(model, data, contacts, speeds, heights):
+        return contacts, speeds, heights
     # Views of the state.
     place = data.qpos
     motion = data.qvel
@@ -482,25 +485,13 @@ def _growth(model: Any, data: Any, seconds: float) -> float:
     data: MjData at the start, in flight; stepped for `seconds`. Flights slower than _SLOWEST g h
     count as that fast. Infinite where the state is not finite at the end.
     """
-    mujoco = backend()
     g = -model.opt.gravity[2]
     h = model.opt.timestep
     slowest = (_SLOWEST * g * h) ** 2 / 2
     inertia = model.body_inertia[1] / model.body_mass[1]
-    steps = round(seconds / h)
-    # Of each state: the number of contacts in the step that led there, qvel, and height.
-    # Ten thousands of steps are taken here: what is computed from them waits for the end.
-    contacts = np.empty(steps, dtype=int)
-    speeds = np.empty((steps, 6))
-    heights = np.empty(steps)
-    motion = data.qvel[:6]
-    place = data.qpos
-    step = mujoco.mj_step
-    for k in range(steps):
-        contacts[k] = data.ncon
-        speeds[k] = motion
-        heights[k] = place[2]
-        step(model, data)
+    start = float(data.qpos[2])
+    contacts, speeds, later = _stepped(model, data, round(seconds / h))
+    heights = np.concatenate([[start], later[:-1]])
     if not np.isfinite(data.qpos).all():
         return math.inf
     free = contacts == 0
