@@ -79,7 +79,6 @@ def test_what_moves_a_ball_out_of_a_skin_is_no_bounce() -> None:
         assert verdict["worst"]["restitution"][0] == pytest.approx(0.0, abs=1e-6)
 
 
-# What has no contact to get wrong: two bodies that meet and exchange nothing are no exception.
 def test_an_engine_without_contacts_passes_no_case() -> None:
     verdicts = judge(run(artificial.FallsThrough(), CASES), CASES)
     assert {each["verdict"] for each in verdicts} == {"fail"}, verdicts
