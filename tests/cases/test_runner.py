@@ -269,9 +269,15 @@ def test_an_engine_that_hangs_costs_its_own_case_and_the_limit_is_named(tmp_path
     assert len(results["runs"]) == 18
 
 
+def only_c09(folder: Path) -> str:
+    path = folder / "only.json"
+    path.write_text(make.text(["C09"]), encoding="utf-8")
+    return str(path)
+
+
 def test_an_engine_whose_start_hangs_ends_the_run(tmp_path: Path) -> None:
     hangs = "import time\nENGINES = [lambda: time.sleep(3600)]"
-    done = runner(tmp_path, hangs, "--limit", "1")
+    done = runner(tmp_path, hangs, "--limit", "1", "--cases", only_c09(tmp_path))
     assert done.returncode == 3
     assert "took longer than --limit, 1 s" in done.stderr
 
@@ -305,12 +311,6 @@ class Engine:
         raise NotImplementedError("no balls")
 ENGINES = [lambda: 1 / 0, Engine]
 """
-
-
-def only_c09(folder: Path) -> str:
-    path = folder / "only.json"
-    path.write_text(make.text(["C09"]), encoding="utf-8")
-    return str(path)
 
 
 def test_an_engine_that_cannot_be_made_is_an_error_and_the_next_one_runs(tmp_path: Path) -> None:
