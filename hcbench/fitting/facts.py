@@ -60,8 +60,11 @@ _NOT_BEFORE = re.compile(
     r"|n't)\b[^.,;:\n]{0,16}$"
 )
 _NOT_AFTER = re.compile(
-    r"[ \t]*(?::|=|is|was|were)*[ \t]*"
-    r"(?:off|not|away|aside|slightly|a little|negligibly|after|aus\b|nicht|removed|unplugged|to\b|\(|average)"
+    r"[ \t\"':=]*(?:(?:is|was|were)[ \t]+)?"
+    r"(?:(?:false|no|none|0|off|aus|not|nicht|removed|unplugged|to|away|aside|average)\b"
+    r"|slightly|a little|negligibly|when|after|(?:at|on) (?:each |every |the )?impact"
+    # A table of a data base.
+    r"|(?<=table moves )\()"
 )
 
 
