@@ -397,7 +397,7 @@ class Written(NamedTuple):
 
     @property
     def kept(self) -> str:
-        """What of the model is as it was, and the step where it is not, as a clause."""
+        """Clause on what of the model is as it was, and on the step where it is not."""
         if self.step is None:
             return "friction, condim, margin, masses, step and integrator are as they were"
         return (
