@@ -15,8 +15,6 @@ cannot do. An engine of many worlds also has `start()`: `make` adds a world, `st
 added since, which are alike in steps and shapes, and `state` lists the bodies of each.
 """
 
-from __future__ import annotations
-
 import argparse
 import faulthandler
 import json
@@ -27,7 +25,6 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from statistics import fmean, geometric_mean, pstdev
@@ -35,12 +32,11 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 Json = dict[str, Any]
-Batch = list[tuple[Json, Json]]  # runs, each with its result
 States = list[list[Any]]  # of each recorded step [step, state of a body, ...]
 CASES = Path(__file__).resolve().with_name("hcbench-cases-1.json")
 LIMIT = 300.0  # s a case
-_Z, _VZ = 2, 5  # places in the state of a body
-COMBINE: dict[str, Any] = {
+Z, VZ = 2, 5  # places in the state of a body
+COMBINE: Json = {
     "product": math.prod, "average": fmean, "geometric": geometric_mean, "maximum": max, "minimum": min
 }  # fmt: skip
 
@@ -66,7 +62,7 @@ def run(engine: Any, cases: Json) -> Json:
 
 def _run_case(engine: Any, runs: list[Json]) -> list[Json]:
     """Results: {"states": ...}, {"unsupported": why} or {"error": why}."""
-    batches: dict[str, Batch] = {}
+    batches: Json = {}
     results: list[Json] = []
     for number, each in enumerate(runs):
         world = each["world"]
@@ -94,8 +90,8 @@ def _with_place(error: Exception) -> str:
     return f"{type(error).__name__}: {said} ({Path(at.filename).name}, line {at.lineno})"
 
 
-def _run_batch(engine: Any, batch: Batch) -> None:
-    """Step the worlds that the engine can make; add their states to the results."""
+def _run_batch(engine: Any, batch: list[Any]) -> None:
+    """Step the worlds that the engine can make; add states to the results of their runs."""
     made = []
     for each, result in batch:
         try:
@@ -117,40 +113,45 @@ def _run_batch(engine: Any, batch: Batch) -> None:
         if not any(asked):
             continue
         worlds = engine.state() if is_batch else [engine.state()]
-        for (_, states), is_asked, bodies in zip(made, asked, worlds, strict=True):
+        for (each, states), is_asked, bodies in zip(made, asked, worlds, strict=True):
             if is_asked:
+                moving = sum(not body.get("fixed") for body in each["world"]["bodies"])
+                if len(bodies) != moving:
+                    raise ValueError(f"step {step}: {len(bodies)} bodies, not {moving}")
                 # Nine digits: far below any tolerance.
                 states.append([step, *([float(f"{x:.9g}") for x in b] for b in bodies)])
 
 
 def restitution(each: Json, states: States) -> float:
-    """Speed after over speed before, both where the flights meet; 0 if nothing comes back.
+    """Speed after over speed before, both where the flights meet.
 
+    0 if nothing comes back, -1 if the ball falls on under the floor.
     The flight before is the launch's: one that acts before the touch leaves none to read.
     """
     h = each["world"]["timestep"]
-    *_, gravity_z = each["world"]["gravity"]
+    *_, g = each["world"]["gravity"]
     ball, *_ = each["world"]["bodies"]
-    z = {step: body[_Z] for step, body, *_ in states}
-    rising = _free_rise(z, gravity_z * h**2, ball["radius"])
+    z = {step: body[Z] for step, body, *_ in states}
+    rising = _free_rise(z, g * h**2, ball["radius"])
     if not rising:
-        return 0.0
+        *_, (step, end) = z.items()
+        # A quarter of free fall; sinking is slower.
+        return -1.0 if end < g * (step * h) ** 2 / 8 else 0.0
     last = rising[-1]
     up = (z[last + 1] - z[last - 1]) / (2 * h)
-    # The first step moves a ball by its velocity without gravity's share (explicit Euler), with
-    # half of it (exact), or with all.
-    velocity, gain = ball["velocity"][_Z], gravity_z * h
+    # The first step has none of gravity's share (explicit Euler), half (exact), or all.
+    velocity, gain = ball["velocity"][Z], g * h
     first = (z[1] - z[0]) / h - velocity
-    share = min((0.0, 0.5, 1.0), key=lambda share: abs(first - share * gain))
+    share = min((0.0, 0.5, 1.0), key=lambda x: abs(first - x * gain))
     down = velocity + (share - 0.5) * gain
     # Both parabolas bend alike and meet once: where a short impact was.
     fall = gain * last  # velocity, m/s
     since = (z[last] - z[0] - (down + fall / 2) * last * h) / (down + fall - up)
     plane = ball["radius"]
     if last + since / h > rising[0] - 3:
-        plane = z[last] + (up + gravity_z * since / 2) * since
-    after = up**2 - 2 * gravity_z * (z[last] - plane)
-    before = down**2 - 2 * gravity_z * (z[0] - plane)
+        plane = z[last] + (up + g * since / 2) * since
+    after = up**2 - 2 * g * (z[last] - plane)
+    before = down**2 - 2 * g * (z[0] - plane)
     return math.sqrt(max(0.0, after) / before)
 
 
@@ -178,20 +179,20 @@ def _free_rise(z: dict[int, float], fall: float, touch: float) -> list[int]:
     return free
 
 
-def height_share(each: Json, states: States) -> float:
+def height_share(each: Json, states: States) -> Any:
     """The highest of the last recorded heights over the first one."""
     radius = each["world"]["bodies"][0]["radius"]
-    heights = [body[_Z] for _, body, *_ in _last(each, states)]
-    return float((max(heights) - radius) / (states[0][1][_Z] - radius))
+    highest = max(body[Z] for _, body, *_ in _last(each, states))
+    return (highest - radius) / (states[0][1][Z] - radius)
 
 
-def drift(each: Json, states: States) -> float:
+def drift(each: Json, states: States) -> Any:
     """Mean speed of the body that moved farthest, m/s."""
     last = _last(each, states)
     start, *before = last[0]
     end, *after = last[-1]
     moved = max(math.dist(a[:3], b[:3]) for a, b in zip(before, after, strict=True))
-    return moved / float((end - start) * each["world"]["timestep"])
+    return moved / ((end - start) * each["world"]["timestep"])
 
 
 def vibration(each: Json, states: States) -> float:
@@ -200,35 +201,38 @@ def vibration(each: Json, states: States) -> float:
     return max(math.hypot(*(pstdev(at[i] for at in body) for i in (3, 4, 5))) for body in of_bodies)
 
 
-def force_noise(each: Json, states: States) -> float:
+def force_noise(each: Json, states: States) -> Any:
     """Standard deviation of the contact's force over the weight, from the velocity."""
-    upward = [body[_VZ] for _, body, *_ in _last(each, states)]  # m/s
-    *_, gravity_z = each["world"]["gravity"]
-    gained = -each["world"]["timestep"] * gravity_z  # speed of a step of free fall, m/s
-    return float(pstdev(later - now for now, later in pairwise(upward)) / gained)
+    upward = [body[VZ] for _, body, *_ in _last(each, states)]  # m/s
+    *_, g = each["world"]["gravity"]
+    gained = -each["world"]["timestep"] * g  # speed of a step of free fall, m/s
+    return pstdev(later - now for now, later in pairwise(upward)) / gained
 
 
-def depth(each: Json, states: States) -> float:
+def depth(each: Json, states: States) -> Any:
     """Final depth of a box in the floor over its height."""
-    half_height = each["world"]["bodies"][0]["half"][_Z]
-    return float(0.5 - states[-1][1][_Z] / (2 * half_height))
+    *_, half = each["world"]["bodies"][0]["half"]
+    return 0.5 - states[-1][1][Z] / (2 * half)
 
 
-def sink(each: Json, states: States) -> float:
+def sink(each: Json, states: States) -> Any:
     """Greatest depth of a ball beyond a step's travel, over its radius."""
     ball, *_ = each["world"]["bodies"]
     travel = math.hypot(*ball["velocity"]) * each["world"]["timestep"]
-    lowest = min(body[_Z] for _, body, *_ in states)
-    return float(max(0.0, ball["radius"] - travel - lowest) / ball["radius"])
+    lowest = min(body[Z] for _, body, *_ in states)
+    return max(0.0, ball["radius"] - travel - lowest) / ball["radius"]
 
 
-def rise(each: Json, states: States) -> float:
-    """Height of the first body's rebound over that of its fall."""
-    z = [body[_Z] for _, body, *_ in states]
+def rise(each: Json, states: States) -> Any:
+    """Height of the first body's rebound over that of its fall; negative if it fell through."""
+    z = [body[Z] for _, body, *_ in states]
+    fall = each["fall"]
+    touch = each["world"]["bodies"][0]["position"][Z] - fall
+    if z[-1] < touch - fall / 2:  # deeper than a soft contact
+        return (z[-1] - touch) / fall
     lowest = min(z)
-    # The height of its touch; an engine that acts before it stops the body higher.
-    touch = max(lowest, each["world"]["bodies"][0]["position"][_Z] - each["fall"])
-    return float(max(0.0, max(z[z.index(lowest) :]) - touch) / each["fall"])
+    touch = max(lowest, touch)  # higher where an engine acts before it
+    return max(0.0, max(z[z.index(lowest) :]) - touch) / fall
 
 
 def velocity(each: Json, states: States) -> list[float]:
@@ -251,8 +255,8 @@ def _last(each: Json, states: States) -> States:
     return [state for state in states if state[0] >= begin]
 
 
-QUANTITIES: dict[str, Any] = {
-    read.__name__: read for read in (
+QUANTITIES: Json = {
+    f.__name__: f for f in (
         restitution, height_share, drift, vibration, force_noise, depth, sink, rise, velocity, spin
     )
 }  # fmt: skip
@@ -267,10 +271,10 @@ def judge(results: Json, cases: Json) -> list[Json]:
     return [_judge(case, done.get(case["id"], []), combine) for case in cases["cases"]]
 
 
-def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
+def _judge(case: Json, done: list[Json], combine: Any) -> Json:
     """The verdict on a case. done: the results of its runs."""
     worst: Json = {}
-    off: dict[str, float] = {}  # largest error, by quantity
+    off: Json = {}  # largest error, by quantity
     word, why = "pass", ""
     try:
         for number, (each, result) in enumerate(zip(case["runs"], done, strict=True)):
@@ -296,19 +300,16 @@ def _judge(case: Json, done: list[Json], combine: str | None) -> Json:
             missed.append(f"{name} {measured:.4g}, not {true:.4g} within {limit:g} (run {number})")
     if word == "pass" and missed:
         word, why = "fail", "; ".join(missed)
-    about = {"case": case["id"], "title": case["title"]}
-    return {**about, "verdict": word, "why": str(why), "worst": worst}
+    return {"case": case["id"], "title": case["title"], "verdict": word, "why": why, "worst": worst}
 
 
-def _compared(
-    each: Json, states: States, combine: str | None
-) -> Iterator[tuple[str, float, float]]:
+def _compared(each: Json, states: States, combine: Any) -> Any:
     """(name, measured, true) of each number that a run expects."""
     materials = each["world"].get("materials")
     if materials and combine is None:
         raise NotImplementedError("no rule for two restitutions is stated")
     for name, expected in each["expected"].items():
-        true = COMBINE[combine](materials) if materials and combine else expected
+        true = COMBINE[combine](materials) if materials else expected
         measured = QUANTITIES[name](each, states)
         if not isinstance(measured, list):
             measured, true = [measured], [true]
@@ -317,9 +318,7 @@ def _compared(
 
 
 def outcome(verdict: Json, expected: Json) -> tuple[str, str]:
-    """("passed", "failure" or "skipped", why). expected: {case: reason} of known failures, which
-    are skipped until they pass.
-    """
+    """("passed", "failure" or "skipped", why). expected: known failures, {case: reason}."""
     known, word = expected.get(verdict["case"]), verdict["verdict"]
     if word == "pass":
         return ("failure", f"passes, but is expected to fail: {known}") if known else ("passed", "")
@@ -339,9 +338,10 @@ def junit(verdicts: list[Json], engine: str, expected: Json) -> str:
         kinds.append(kind)
         if kind != "passed":
             ET.SubElement(part, kind, message=text)
-    for name, kind in ("failures", "failure"), ("skipped", "skipped"):
-        root.set(name, str(kinds.count(kind)))
-    return ET.tostring(root, encoding="unicode")
+    root.set("failures", str(kinds.count("failure")))
+    root.set("skipped", str(kinds.count("skipped")))
+    # XML holds no control characters.
+    return "".join(filter(str.isprintable, ET.tostring(root, encoding="unicode")))
 
 
 def _start(arguments: list[str]) -> Any:
@@ -354,7 +354,7 @@ def run_apart(
     """Results of an engine in a process of its own, up to the first case that ends it.
 
     That case, or one of more than `limit` s, has errors; those after it are left out.
-    start: runs Python with arguments. Raises RuntimeError where the adapter makes no engine.
+    The version is "" where no engine could be made. start: runs Python with arguments.
     """
     with tempfile.TemporaryDirectory() as folder:
         lines, asked = Path(folder) / "lines", Path(folder) / "cases.json"
@@ -367,9 +367,10 @@ def run_apart(
     why = f"ended with {done.returncode}: {' '.join(said.split())[-200:]}"
     if "Timeout (" in said:  # of faulthandler
         why = f"took longer than --limit, {limit:g} s"
-    if not parts:
-        raise RuntimeError(said if done.returncode == 3 else f"{adapter} {why}")
-    results: Json = joined(parts)
+    if done.returncode == 3:
+        *_, why = said.split("\n")
+    unmade = argparse.Namespace(name=f"ENGINES[{variant}]", version="")
+    results = joined(parts or [run(unmade, {**cases, "cases": []})])
     for case in cases["cases"]:
         if case["id"] not in results["runs"]:
             results["runs"][case["id"]] = [{"error": why}] * len(case["runs"])
@@ -378,7 +379,7 @@ def run_apart(
 
 
 def joined(parts: list[Json]) -> Json:
-    """Results of cases of one engine, in one."""
+    """Results of one engine in one."""
     runs: Json = {}
     for part in parts:
         runs |= part["runs"]
@@ -390,29 +391,30 @@ def _work(asked: Any, cases: Json) -> int:
     faulthandler.dump_traceback_later(asked.limit, exit=True)
     variant, lines = asked.own
     engine = runpy.run_path(str(asked.adapter))["ENGINES"][int(variant)]()
-    with Path(lines).open("a", encoding="utf-8") as file:
+    with Path(lines).open("a", 1, "utf-8") as file:
         for part in ([], *([case] for case in cases["cases"])):
             faulthandler.dump_traceback_later(asked.limit, exit=True)
-            print(json.dumps(run(engine, {**cases, "cases": part})), file=file, flush=True)
+            print(json.dumps(run(engine, {**cases, "cases": part})), file=file)
     return 0
 
 
 def _run_every(asked: Any, cases: Json, known: Json) -> int:
     """Run each case of each engine in a process; write the files after it."""
-    failures = 0
+    failures = made = 0
     done: list[list[Json]] = []  # of each engine the results of its cases
-    suites: list[str] = []
+    suites = []
     for variant in range(len(runpy.run_path(str(asked.adapter))["ENGINES"])):
         done.append([])
         suites.append("")
         verdicts: list[Json] = []
-        said: dict[str, str] = {}  # the case that first said an error
+        said: Json = {}  # the case that first said an error
         for case in cases["cases"]:
             alone = {**cases, "cases": [case]}
             results = run_apart(asked.adapter, variant, alone, limit=asked.limit)
             done[-1].append(results)
             verdicts += judge(results, alone)
             name, number = results["engine"]["name"], case["id"]
+            made += results["engine"]["version"] != ""
             expected = known.get(name, {})
             kind, text = outcome(verdicts[-1], expected)
             failures += kind == "failure"
@@ -421,16 +423,19 @@ def _run_every(asked: Any, cases: Json, known: Json) -> int:
             print(f"{name} {number} {kind}  {case['title']}  {text}", file=sys.stderr)
             suites[-1] = junit(verdicts, name, expected)
             if asked.out:
-                asked.out.write_text(json.dumps([*map(joined, done)]) + "\n", "utf-8")
+                asked.out.write_text(json.dumps([*map(joined, done)]), "utf-8")
             if asked.junit:
-                xml = f"<testsuites>{''.join(suites)}</testsuites>\n"
+                xml = f"<testsuites>{''.join(suites)}</testsuites>"
                 asked.junit.write_text(xml, "utf-8")
+    if not made:
+        print(f"{asked.adapter}: ENGINES makes no engine", file=sys.stderr)
+        return 3
     return 1 if failures else 0
 
 
 def main() -> int:
     """Exit 1 for an unexpected failure or pass, 2 for a file that cannot be read, 3 for no engine."""
-    parser = argparse.ArgumentParser(description="Run bounce cases in an engine.")
+    parser = argparse.ArgumentParser(description="Run cases in an engine.")
     add = parser.add_argument
     add("adapter", type=Path, help="file with ENGINES")
     add("--cases", type=Path, default=CASES)
@@ -449,7 +454,7 @@ def main() -> int:
     try:
         return _work(asked, cases) if asked.own else _run_every(asked, cases, known)
     except Exception as error:
-        print(error if type(error) is RuntimeError else _with_place(error), file=sys.stderr)
+        print(_with_place(error), file=sys.stderr)
         return 3
 
 

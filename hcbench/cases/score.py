@@ -451,12 +451,12 @@ def _run(cases: Json, limit: float, name: str, adapter: Path, variant: int) -> J
 
         parts: list[Json] = []
         left = cases["cases"]
-        try:
-            # Another process goes on behind a case that ended one.
-            while left:
-                parts.append(run_apart(adapter, variant, {**cases, "cases": left}, start, limit))
-                left = [case for case in left if case["id"] not in parts[-1]["runs"]]
-        except RuntimeError as error:
-            reason = str(error).splitlines()[-1]
-            raise EngineFailed(f"engine {name!r}", reason, "results of its cases") from None
+        # Another process goes on behind a case that ended one.
+        while left:
+            part = run_apart(adapter, variant, {**cases, "cases": left}, start, limit)
+            if not part["engine"]["version"]:
+                [first, *_], *_ = part["runs"].values()
+                raise EngineFailed(f"engine {name!r}", first["error"], "results of its cases")
+            parts.append(part)
+            left = [case for case in left if case["id"] not in part["runs"]]
     return joined(parts)

@@ -2,32 +2,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bounces that the engine of adapter.py should get right, as tests of unittest and pytest.
 
-`known.json` beside this file names failures that are known: {engine: {case: reason}}.
+`known.json` beside this file names known failures: {engine: {case: reason}}.
 """
-
-from __future__ import annotations
 
 import json
 import runpy
 import unittest
-from collections.abc import Callable
 from pathlib import Path
 
-import hcbench_cases  # type: ignore[import-not-found]
+import hcbench_cases
 
 HERE = Path(__file__).resolve().parent
 ADAPTER = HERE / "adapter.py"
-_FILE = HERE / "known.json"
-KNOWN = json.loads(_FILE.read_text("utf-8")) if _FILE.is_file() else {}
+FILE = HERE / "known.json"
+KNOWN = json.loads(FILE.read_text("utf-8")) if FILE.is_file() else {}
 CASES = hcbench_cases.load(HERE / "hcbench-cases-1.json")
 
 
 class TestBounces(unittest.TestCase):
-    """A test for each engine and each case, in a process of its own."""
+    """A test of each case in each engine, in its own process."""
 
 
-def _test(variant: int, case: hcbench_cases.Json) -> Callable[[TestBounces], None]:
-    """The test of a case in an engine, with its title and equation as docstring."""
+def _test(variant: int, case: hcbench_cases.Json) -> object:
+    """The test of a case in an engine."""
 
     def test(self: TestBounces) -> None:
         alone = {**CASES, "cases": [case]}

@@ -77,3 +77,23 @@ def test_what_moves_a_ball_out_of_a_skin_is_no_bounce() -> None:
     cases = the_cases(["C01", "C11"])
     for verdict in judge(run(InASkin(), cases), cases):
         assert verdict["worst"]["restitution"][0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_an_engine_without_contacts_passes_no_case() -> None:
+    verdicts = judge(run(artificial.FallsThrough(), CASES), CASES)
+    assert {each["verdict"] for each in verdicts} == {"fail"}, verdicts
+
+
+def test_a_body_that_ends_in_another_has_not_stopped_on_it() -> None:
+    on_meshes = the_cases(["C17", "C18"])
+    for verdict in judge(run(artificial.FallsThroughMeshes(), on_meshes), on_meshes):
+        assert verdict["verdict"] == "fail"
+        # It ends 100 mm under its touch, after a fall of 90 mm.
+        assert verdict["worst"]["rise"][0] == pytest.approx(-10 / 9)
+        assert verdict["why"].startswith("rise -1.111, not 0 within 0.02")
+
+
+def test_a_ball_that_ends_under_the_floor_has_restitution_of_a_flight_that_went_on() -> None:
+    zero = the_cases(["C09"])
+    (verdict,) = judge(run(artificial.FallsThrough(), zero), zero)
+    assert verdict["worst"]["restitution"][:2] == [-1.0, 0.0]

@@ -17,8 +17,10 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+from artificial_engines import FallsThrough
 
 from hcbench import cli
+from hcbench.cases import make
 from hcbench.cases.hcbench_cases import junit, outcome, run
 from hcbench.cases.score import (
     RUNNER,
@@ -32,7 +34,7 @@ from hcbench.cases.score import (
 from hcbench.system.errors import EngineFailed
 
 # Bytes, not lines: a limit on lines fills each of them.
-RUNNER_BYTES = 20_000
+RUNNER_BYTES = 21_000
 # Of code: comments and docstrings help who copies an adapter.
 ADAPTER_LINES = 120
 
@@ -249,7 +251,7 @@ class Engine:
             time.sleep(3600)
         raise TypeError("cannot step")
     def state(self):
-        return []
+        return [[0] * 9] * self.count
 ENGINES = [Engine]
 """
 
@@ -285,7 +287,7 @@ def test_the_command_hands_its_limit_on() -> None:
         ("import nothing_here", (), 3, "ModuleNotFoundError: .*(adapter.py, line 1)"),
         ("ENGINES = [lambda: 1 / 0]", (), 3, "ZeroDivisionError: .*(adapter.py, line 1)"),
         ("ENGINES = []", ("--expected", "none.json"), 2, "none.json"),
-        ("ENGINES = []", (), 0, ""),
+        ("ENGINES = []", (), 3, "adapter.py: ENGINES makes no engine"),
     ],
 )
 def test_the_runner_ends_as_a_command_should(
@@ -294,6 +296,63 @@ def test_the_runner_ends_as_a_command_should(
     done = runner(tmp_path, adapter, *arguments)
     assert done.returncode == code
     assert re.search(said.replace("(", r"\(").replace(")", r"\)"), done.stderr)
+
+
+ONE_CANNOT_BE_MADE = """\
+class Engine:
+    name, version, combine = "mine", "1", None
+    def make(self, world):
+        raise NotImplementedError("no balls")
+ENGINES = [lambda: 1 / 0, Engine]
+"""
+
+
+def only_c09(folder: Path) -> str:
+    path = folder / "only.json"
+    path.write_text(make.text(["C09"]), encoding="utf-8")
+    return str(path)
+
+
+def test_an_engine_that_cannot_be_made_is_an_error_and_the_next_one_runs(tmp_path: Path) -> None:
+    out = tmp_path / "out.json"
+    arguments = ("--cases", only_c09(tmp_path), "--out", "out.json")
+    done = runner(tmp_path, ONE_CANNOT_BE_MADE, *arguments)
+    assert done.returncode == 1
+    assert "ENGINES[0] C09 failure" in done.stderr
+    first, second = [score(each, only=["C09"]) for each in json.loads(out.read_text("utf-8"))]
+    assert (first.engine, first.verdicts[0]["verdict"]) == ("ENGINES[0]", "error")
+    assert re.match(r"ZeroDivisionError: .* \(adapter.py, line 5\)", first.verdicts[0]["why"])
+    assert (second.engine, second.verdicts[0]["verdict"]) == ("mine", "unsupported")
+
+
+COLOURS = """\
+class Engine:
+    name, version, combine = "mine", "1", None
+    def make(self, world):
+        raise TypeError("\\x1b[31mno\\x00 \\udc80<balls>")
+ENGINES = [Engine]
+"""
+
+
+def test_junit_is_xml_whatever_an_engine_says(tmp_path: Path) -> None:
+    runner(tmp_path, COLOURS, "--cases", only_c09(tmp_path), "--junit", "j.xml")
+    (failure,) = ElementTree.parse(tmp_path / "j.xml").iter("failure")
+    assert failure.get("message", "").startswith("error: TypeError: [31mno <balls> (adapter.py")
+
+
+class LosesABody(FallsThrough):
+    """State of the first body alone."""
+
+    def state(self) -> list[list[float]]:
+        return self.bodies[:1]
+
+
+def test_a_state_without_one_of_the_bodies_is_an_error() -> None:
+    on_meshes = the_cases(["C17", "C18"])
+    found = score(run(LosesABody(), on_meshes), only=["C17", "C18"])
+    for verdict in found.verdicts:
+        assert verdict["verdict"] == "error"
+        assert verdict["why"].startswith("ValueError: step 29: 1 bodies, not 2 ")
 
 
 def test_a_vendored_folder_is_small_and_its_test_runs_alone(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
-"""Five engines whose faults are built in: one ball over the floor, and a verdict that is known.
+"""Engines whose faults are built in, and a verdict that is known.
 
-Each steps by semi-implicit Euler. They differ in when they see the floor, and in what they do then.
+All but the last have one ball over the floor. Each steps by semi-implicit Euler. They differ in when
+they see the floor, and in what they do then.
 """
 
 from __future__ import annotations
@@ -116,3 +117,33 @@ class Soft(OneBall):
 
     def _meet(self, before: float) -> None:
         """Flight: the spring acts in `step`."""
+
+
+class FallsThrough:
+    """Bodies of any shape that nothing holds or stops: neither a floor, nor a body, nor a joint."""
+
+    name, version, combine = "fallsthrough", "1", "product"
+    STOPS_AT = -math.inf  # height of the centre at which a body stops for good, m
+
+    def make(self, world: dict[str, Any]) -> None:
+        self.h = world["timestep"]
+        self.gravity = world["gravity"]
+        moving = [body for body in world["bodies"] if not body.get("fixed")]
+        self.bodies = [[*b["position"], *b["velocity"], *b["spin"]] for b in moving]
+
+    def step(self) -> None:
+        for body in self.bodies:
+            for axis, g in enumerate(self.gravity):
+                body[3 + axis] += g * self.h
+                body[axis] += body[3 + axis] * self.h
+            if body[2] < self.STOPS_AT:
+                body[2], body[5] = self.STOPS_AT, 0.0
+
+    def state(self) -> list[list[float]]:
+        return self.bodies
+
+
+class FallsThroughMeshes(FallsThrough):
+    """A floor that stops each body of the cases with meshes, 50 mm high, and no contact of two."""
+
+    STOPS_AT = 0.05
