@@ -49,12 +49,14 @@ def tune_model(
         print_json(_record(tuned) | of_material)
     elif landing is not None and landing.rebound is not None:
         print_landing(tuned, landing)
+        _show_files(tuned, files)
         if tuned.gains:
             show(f"\nnext:\n  hcbench land {_tested(tuned, written, models)}")
     else:
         for name, line in of_material.items():
             show(f"{name}: {line}")
         _print(tuned, limit)
+        _show_files(tuned, files)
         if tuned.gains:
             show(
                 f"\nnext:\n  {_next_line(tuned, limit, _tested(tuned, written, models), value, given)}"
@@ -73,6 +75,21 @@ def tune_model(
         raise LimitPassed("max-error", got, f"{limit:g} or less", _cure(tuned))
     if strict and tuned.worse:
         raise LimitPassed("strict", "; ".join(tuned.worse), "at most 1.2 times what it was")
+
+
+def _show_files(tuned: TunedModel, asked: dict[str, Any]) -> None:
+    """Print the files that were written, or that none was, where any was asked for.
+
+    asked: paths, by their options; None for those that were not. A setting that gains is written
+    even where its error is beyond the limit.
+    """
+    if not any(asked.values()):
+        return
+    show("")
+    for path in tuned.files:
+        show(f"written: {sanitized(str(path))}")
+    if not tuned.files:
+        show("nothing written")
 
 
 def _material_line(name: str | None) -> dict[str, str]:
@@ -465,5 +482,7 @@ def landing_error(tuned: TunedModel, change: LandingChange) -> LimitPassed:
     expected = "no worse landing"
     if change.rebound is not None:
         expected = f"{1e3 * change.rebound:.3g} mm with no worse landing"
+        if change.reach is None and not change.worse:
+            expected = f"{1e3 * change.rebound:.3g} mm at every phase of the step"
     advice = change.advice[0] if change.advice else "The output says what would help."
     return LimitPassed(slot, tuned.no_gain, expected, f"Nothing is written. {advice}")

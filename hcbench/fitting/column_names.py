@@ -73,7 +73,10 @@ _EXAMPLES = {
 # Meanings of whole files, which no column has.
 _OF_FILES = ("frequency", "unit of length", "unit of time", "units", "dimension of x")
 # Meanings of words that stand anywhere in a text.
-_OF_TEXTS = ("gravity", "tilt", "camera", "track", "throw", "left out", "moving plate")
+_OF_TEXTS = (
+    *("gravity", "tilt", "camera", "track", "throw", "left out", "moving plate"),
+    *("support", "moving", "shaker", "driven ball"),
+)
 # Roles: the meanings that a name must have, and those that it may have besides.
 _EVENTS = {"touch", "bounce"}
 _UPWARDS = {"vertical", "y", "z"}

@@ -81,13 +81,19 @@ def _of_numbered(table: Table) -> list[Table]:
         for at, (name, unit) in enumerate(table.header)
     )
     trials = {"trial", "number", "drop"} if goes_down else set()
+    # "Rebound height, trial 1", where no column has the height before.
+    is_after = goes_down and not _OF_PAIRS.difference(_AFTER).intersection(
+        role_of(*name) for name in table.header
+    )
     for quantity, allowed in (("time", _OF_TIMES), ("position", {"height", "bounce"})):
         numbered = []
         for i, (name, unit) in enumerate(table.header):
             found = meanings_of(name)
             digits = [int(meaning) for meaning in found if meaning.isdigit()]
             words = found - set(map(str, digits))
-            if words and words <= allowed | trials and is_unit_of(unit, quantity):
+            # "Rebound 1 (cm)", without "height", may be of a row that is a drop.
+            after = {"after"} if is_after and "height" in words else set()
+            if words and words <= allowed | trials | after and is_unit_of(unit, quantity):
                 numbered.append((digits[0] if digits else -1, i))
         if len(numbered) < (2 if goes_down else 3) or len(dict(numbered)) < len(numbered):
             continue

@@ -1,4 +1,4 @@
-"""Facts of a fall that a file tells beside its numbers: another gravity, a tilt, a throw, a moving plate."""
+"""Facts of a fall that a file tells beside its numbers: another gravity, a tilt, a moving plate, a push."""
 
 from __future__ import annotations
 
@@ -36,14 +36,36 @@ _OF_EARTH = (1.0, 1e-2, 0.3048, 9.80665)
 _NEAR = 0.01
 _ALONG = "Give the part of gravity along the track, g sin(angle), such as --gravity '0.26 m/s^2'"
 _PAIRS = "Give pairs of speeds before and after the impact, relative to the plate"
+_TO_PLATE = f"{_PAIRS}, and write 'speeds relative to the plate'"
+_RELATIVE = re.compile(r"speeds?\b[^.\n]*\brelative to the (?:plate|platform|table)")
+_FREE = "Record a ball that nothing drives, or give pairs of speeds before and after the impact"
 # Other facts: the units of their numbers, what was expected, and advice.
 _FACTS = {
     "tilt": (r"°|º|deg\w*|gra[du]\w*|度", "a vertical fall", _ALONG),
     "track": ("", "a vertical fall", _ALONG),
     "left out": ("", "each bounce", "Number the bounces in a column of their own"),
     "throw": (r"k?m/[sh]|mph|ft/s|[cm]m/s|м/с", "a fall from rest", _PAIRS),
-    "moving plate": (r"k?m/[sh]|ft/s|[cm]m/s|hz|м/с|гц", "a plate at rest", _PAIRS),
+    "moving plate": (r"k?m/[sh]|ft/s|[cm]m/s|hz|м/с|гц", "a plate at rest", _TO_PLATE),
+    "driven ball": ("", "free bounces", _FREE),
 }
+# Words between a support and its motion, and between its motion and it: "is slowly moving",
+# "vibrating steel plate".
+_IS = r"(?:is|was|were|are|being|been|has|itself|wird|wurde|ist|war|est|etait|era|es|e|\w+ly)"
+_OF_KIND = (
+    r"(?!(?:an?|the|on|to|of|in|at|by|over|with|from|off|into|and|along|ball|average|mean)\b)\w+"
+)
+# Words that deny a motion, or tell of one between drops: "no shaker", "the table was moved away".
+_NOT_BEFORE = re.compile(
+    r"(?:\b(?:no|not|non|never|without|instead of|unless|before|ohne|kein\w*|nicht|sans|sin|senza)"
+    r"|n't)\b[^.,;:\n]{0,16}$"
+)
+_NOT_AFTER = re.compile(
+    r"[ \t\"':=]*(?:(?:is|was|were)[ \t]+)?"
+    r"(?:(?:false|no|none|0|off|aus|not|nicht|removed|unplugged|to|away|aside|average)\b"
+    r"|slightly|a little|negligibly|when|after|(?:at|on) (?:each |every |the )?impact"
+    # A table of a data base.
+    r"|(?<=table moves )\()"
+)
 
 
 def require_usual_fall(
@@ -56,7 +78,8 @@ def require_usual_fall(
     is_open = setup.gravity == MeasurementSetup().gravity
     falls = is_open and (is_dropped or any(data.needs_gravity for _, data in found))
     counts = dict.fromkeys(("gravity", "tilt", "track"), falls)
-    counts |= {"throw": is_dropped or setup.height is not None, "moving plate": True}
+    counts["throw"] = is_dropped or setup.height is not None
+    counts["driven ball"] = any(data.needs_gravity for _, data in found)
     # Bounces that are numbered may be left out.
     counts["left out"] = any(
         data.needs_gravity and getattr(data, "numbers", None) is None for _, data in found
@@ -65,7 +88,10 @@ def require_usual_fall(
     for table in (columns.table for columns, _ in found):
         first = table.cells[0]
         lines += [f"{name} [{u}]: {cell_of(first, i)}" for i, (name, u) in enumerate(table.header)]
-    for fact, said in _said("\n".join(lines), setup.gravity.value):
+    text = "\n".join(lines)
+    # Speeds relative to the plate tell its motion already.
+    counts["moving plate"] = counts["driven ball"] or not _RELATIVE.search(text.casefold())
+    for fact, said in _said(text, setup.gravity.value):
         if counts[fact]:
             used = f"{setup.gravity.value:.2f} m/s^2, which is used without --gravity"
             advice = f"Give the gravity that counts, such as --gravity '{said}'"
@@ -83,7 +109,38 @@ def _said(text: str, gravity: float) -> Iterator[tuple[str, str]]:
     text = _of_cameras().sub(" ", text)
     for fact in _FACTS:
         if any(word in text for word in words_of_texts(fact)):
-            yield from ((fact, match[0].strip()) for match in _pattern(fact).finditer(text))
+            for match in _pattern(fact).finditer(text):
+                if fact != "driven ball" or not _is_denied(match):
+                    yield fact, match[0].strip()
+    moves = (*words_of_texts("moving"), "moved", *words_of_texts("shaker"))
+    for match in _moving_plate().finditer(text) if any(word in text for word in moves) else ():
+        if not _is_denied(match):
+            yield "moving plate", match[0]
+
+
+def _is_denied(match: re.Match[str]) -> bool:
+    """Say whether the words around a match deny it: "no shaker", "shaker off"."""
+    before = _NOT_BEFORE.search(match.string[: match.start()].rpartition("\n")[2])
+    return bool(before or _NOT_AFTER.match(match.string, match.end()))
+
+
+@cache
+def _moving_plate() -> re.Pattern[str]:
+    """A word of a support with one of motion, or the name of a support that is there to move."""
+    support, moving, shaker = (
+        "|".join(sorted(map(re.escape, words_of_texts(of)), key=len, reverse=True))
+        for of in ("support", "moving", "shaker")
+    )
+    gap = r"[ \t_]+\(?"
+    # A ball may be what moves: "on the floor moving to the left".
+    upwards = rf"moving{gap}(?:up|down|vertically|sinusoidally|periodically|at\b|with\b)"
+    # A plate is also moved to another place between drops.
+    moved = rf"moved{gap}(?:up{gap}and{gap}down|vertically|sinusoidally|periodically)"
+    after = rf"(?:{_IS}{gap})+(?:{moving})|(?!moving\b)(?:{moving})|(?:{_IS}{gap})*(?:{upwards}|{moved})"
+    return re.compile(
+        rf"(?<![\w-])(?:(?:{moving}){gap}(?:{_OF_KIND}{gap}){{0,2}}(?:{support})"
+        rf"|(?:{support}){gap}(?:{after})|{shaker})(?!\w)"
+    )
 
 
 @cache

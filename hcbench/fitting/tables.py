@@ -282,6 +282,8 @@ def _header(
         merged = _merged(_padded(rows[at], body, width), _padded(rows[trials], body, width))
         return merged, [row for i, row in enumerate(rows) if i not in (at, trials)]
     names = _padded(rows[at], body, width)
+    if (titled := _titled(rows[:at], names)) is not None:
+        return titled
     # Numbers beyond the last name may be halves of numbers with commas: no name is made up for them.
     is_short = any(any(cells[len(rows[at]) :]) for _, cells in body)
     if is_short and len(names) > len(rows[at]) and names[0]:
@@ -356,6 +358,26 @@ def _merged(over: Sequence[str], below: Sequence[str]) -> tuple[tuple[str, str],
         name, unit = split_header(heading if trial else own)
         header.append((f"{name} {trial}".strip().lower(), unit))
     return tuple(header)
+
+
+def _titled(
+    above: Sequence[tuple[str, ...]], names: Sequence[str]
+) -> tuple[tuple[tuple[str, str], ...], list[tuple[str, ...]]] | None:
+    """Names with units of trials below a line that says what they all have, "Rebound height (cm)", and
+    the other lines above; None where there is no such line.
+    """
+    titles = [i for i, row in enumerate(above) if _is_title(row)]
+    if len(titles) != 1 or not _are_trials(names):
+        return None
+    (title,) = filter(None, above[titles[0]])
+    over = [title if meanings_of(name) & {"trial", "drop"} else "" for name in names]
+    return _merged(over, names), [row for i, row in enumerate(above) if i != titles[0]]
+
+
+def _is_title(cells: Sequence[str]) -> bool:
+    """Say whether a row is the name of one quantity with its unit, and nothing else."""
+    given = [split_header(cell) for cell in cells if cell]
+    return len(given) == 1 and bool(given[0][1]) and role_of(*given[0]) in QUANTITY_OF
 
 
 def _are_units(cells: Sequence[str]) -> bool:

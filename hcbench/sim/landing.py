@@ -534,10 +534,21 @@ class DropTest(LandingQuantities):
                 yield each.change(was, now)
 
     def meets(self, rebound: float) -> bool:
-        """Say whether the rebound is within a tenth, or 1 mm of none, of a target, m."""
+        """Say whether the rebound is within a tenth, or 1 mm of none, of a target, m, and no chance."""
+        return self.is_near(rebound) and not self.is_chance(rebound)
+
+    def is_near(self, rebound: float) -> bool:
+        """Say whether the mean rebound is within a tenth, or 1 mm of none, of a target, m."""
         if self.diverged:
             return False
         return abs(self.rebound - rebound) <= (WITHIN * rebound if rebound else NO_REBOUND)
+
+    def is_chance(self, rebound: float) -> bool:
+        """Say whether the rebound varies over the phases by as much as a target, m, to a tenth.
+
+        A mean near the target then says nothing: in some phases the robot stays on the floor.
+        """
+        return rebound > 0.0 and self.spread >= (1.0 - WITHIN) * rebound
 
 
 @dataclass(frozen=True, slots=True)

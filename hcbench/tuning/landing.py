@@ -86,9 +86,12 @@ def tune_landing(
     if best is not None:
         change = LandingChange(before, best.test, rebound, advice=found.advice)
         return _tuned(best.setting, change, output)
-    possible = [one.test.rebound for one in tried if not one.worse]
-    reached = min([before.rebound, *possible], key=lambda height: abs(height - rebound))
-    reach = Reach(reached, found.stiffer())
+    possible = [before, *(one.test for one in tried if not one.worse)]
+    reach = None
+    # A rebound that is chance is in reach: nothing of the servos makes it less of one.
+    if not any(test.is_near(rebound) for test in possible):
+        reached = min((test.rebound for test in possible), key=lambda height: abs(height - rebound))
+        reach = Reach(reached, found.stiffer())
     # What comes nearest is printed with all that it makes worse.
     nearer = sorted(
         _nearer(tried, before, rebound),

@@ -70,7 +70,8 @@ class LandingChange:
     """Landing of a robot without and with a setting of its feet.
 
     rebound: the target, m; None where the target is an e of a foot.
-    reach: what is possible; None where the target is met or is none of the rebound.
+    reach: what is possible; None where the target is met, is missed by chance alone, or is none of
+    the rebound.
     advice: sentences on options of the model that spoil every landing.
     """
 
@@ -104,8 +105,14 @@ class LandingChange:
     @property
     def misses(self) -> str:
         """Reasons why the target is not met, as a phrase."""
-        if self.reach is None:
+        if self.reach is None and self.worse:
             return f"the robot lands worse with it: {'; '.join(self.worse)}"
+        if self.reach is None:
+            mean, spread = 1e3 * self.after.rebound, 1e3 * self.after.spread
+            return (
+                f"a rebound of {mean:.3g} mm that varies by {spread:.2g} mm with where in a step the "
+                "contact starts (chance)"
+            )
         return f"the {self.extreme} rebound without a worse landing is {1e3 * self.reach.rebound:.3g} mm"
 
 

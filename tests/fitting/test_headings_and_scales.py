@@ -55,6 +55,12 @@ def test_a_number_that_may_be_a_condition_or_a_computation_is_no_unit(header: st
     [
         "bounce,Height (cm),,\n,Trial 1,Trial 2,Trial 3",
         ",Höhe in cm,,\nSprung,Versuch 1,Versuch 2,Versuch 3",
+        ",Rebound height (cm),,\nBounce,Trial 1,Trial 2,Trial 3",
+        "Rebound height (cm),,,\nBounce,Trial 1,Trial 2,Trial 3",
+        "Height (cm)\nBounce,Trial 1,Trial 2,Trial 3",
+        # As the refusal of "Trial 1" advises.
+        'Bounce,"rebound height, trial 1 [cm]","rebound height, trial 2 [cm]",'
+        '"rebound height, trial 3 [cm]"',
     ],
 )
 def test_a_heading_over_trials_names_them_all(tmp_path: Path, header: str) -> None:

@@ -1,4 +1,4 @@
-"""Facts of a file that would change its answer: another gravity, a tilt, a throw, a moving plate."""
+"""Facts of a file that would change its answer: another gravity, a tilt, a moving plate, a push."""
 
 from __future__ import annotations
 
@@ -77,6 +77,17 @@ def test_gravity_in_a_column_is_seen(tmp_path: Path) -> None:
         "a glider on an air track",
         "shaker on, 20 Hz",
         "the plate moves up at 0.3 m/s",
+        "ball on loudspeaker membrane driven at 35 Hz, amplitude 0.4 mm",
+        "ball on a moving plate",
+        "the plate was moving",
+        "the plate moves up and down",
+        "ball on a shaker",
+        "a vibrating steel plate",
+        "plate driven sinusoidally",
+        "ball on a moving plate (amplitude 0.4 mm)",
+        "oscillating platform",
+        "the table vibrates",
+        "Die Platte schwingt",
     ],
 )
 def test_a_tilt_or_a_moving_plate_refuses_heights(tmp_path: Path, line: str) -> None:
@@ -96,7 +107,49 @@ def test_a_tilted_camera_changes_no_fall(tmp_path: Path, line: str) -> None:
         read(tmp_path / "data.txt", f"# camera on a plate tilted by 3°\n{HEIGHTS}")
 
 
-@pytest.mark.parametrize("line", ["tilt 0.0 deg", "initial speed 0 m/s", "shaker off", "2 ramps"])
+def test_speeds_relative_to_a_moving_plate_are_read(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="write 'speeds relative to the plate'"):
+        read(tmp_path / "data.txt", f"# vibrating plate\n{SPEEDS}")
+    line = "# vibrating plate, speeds relative to the plate\n"
+    assert read(tmp_path / "data.txt", line + SPEEDS) == 1
+    with pytest.raises(UserError, match="plate at rest"):
+        read(tmp_path / "data.txt", line + HEIGHTS)
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["dribbled by hand, getting faster", "dribbling", "pushed down by hand at each bounce"],
+)
+def test_a_ball_that_a_hand_drives_is_refused_but_in_pairs_of_speeds(
+    tmp_path: Path, line: str
+) -> None:
+    with pytest.raises(UserError, match="free bounces"):
+        read(tmp_path / "data.txt", f"# {line}\n{HEIGHTS}")
+    assert read(tmp_path / "data.txt", f"# {line}\n{SPEEDS}") == 1
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        *(
+            "tilt 0.0 deg",
+            "initial speed 0 m/s",
+            "shaker off",
+            "no shaker",
+            "shaker: none",
+            "2 ramps",
+        ),
+        *("the table was moved away", "moving average of the floor level", "moving the table away"),
+        *(
+            "the plate is not moving",
+            "the table vibrates at impact",
+            "optical table, vibration free",
+        ),
+        *("ball leaves the floor moving to the right", "clicks picked by hand", "speaker: Anna"),
+        "moving_plate: false",
+        *("the ball was not dribbled", "plate moved 10 cm to the left between drops"),
+    ],
+)
 def test_nothing_of_it_refuses_nothing(tmp_path: Path, line: str) -> None:
     assert read(tmp_path / "data.txt", f"# {line}\n{DROPS}") == 1
 

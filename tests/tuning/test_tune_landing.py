@@ -20,8 +20,9 @@ import hcbench as hb
 from hcbench.cli import run
 from hcbench.cli.tune_model import landing_table
 from hcbench.measuring import Wanted
+from hcbench.measuring.request import make_request
 from hcbench.sim.landing import DROPS, HEIGHTS, PHASES, QUANTITIES, DropTest, Reach, drop_test
-from hcbench.sim.model_under_test import ModelSetting
+from hcbench.sim.model_under_test import ModelSetting, Output
 from hcbench.sim.rest import UNKNOWN
 from hcbench.system.errors import EngineFailed, UserError
 from hcbench.tuning.model import _best, _Try
@@ -30,6 +31,13 @@ from hcbench.tuning.tuned_model import LandingChange
 mujoco = pytest.importorskip("mujoco")
 
 from robot_drops import FEET, QUADRUPED, drop  # noqa: E402
+
+from hcbench.engines.mujoco.model.foot_springs import (  # noqa: E402
+    FootContact,
+    rebound_settings,
+    write_contact,
+)
+from hcbench.engines.mujoco.model.write_pairs import texts_of  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("tuned_once")
 
@@ -86,6 +94,57 @@ def test_an_e_of_0_of_a_robot_that_does_not_rebound_leaves_it(
     pairs = [word for pair in FEET for word in ("--pair", pair)]
     assert run(["tune", str(QUADRUPED), *pairs, "--restitution", "0"]) == 0
     assert "has this rebound already: there is nothing to paste" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("asked", ["5 ms", None])
+def test_the_step_of_a_rebound_is_written_with_the_feet(asked: str | None) -> None:
+    requests = [make_request(pair, timestep=asked) for pair in FEET]
+    made = write_contact(QUADRUPED, requests, FootContact(100.0, 0.5, impratio=10.0))
+    texts = texts_of(QUADRUPED, made, (), Output())
+    own = mujoco.MjModel.from_xml_path(str(QUADRUPED)).opt.timestep
+    step = own if asked is None else 5e-3
+    whole = mujoco.MjModel.from_xml_string(texts.written)
+    assert (whole.opt.timestep, whole.opt.impratio) == (step, 10.0)
+    assert ("timestep" in texts.paste) == (asked is not None)
+
+
+def test_a_mean_of_phases_that_rebound_and_phases_that_do_not_is_no_rebound(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """5 mm +- 5 mm was handed out as 5 mm."""
+    good = tuned(rebound=0.02)
+    assert good.landing is not None
+    after = dataclasses.replace(good.landing.after, rebound=0.0205, spread=0.0201)
+    assert after.is_near(0.02)
+    assert not after.meets(0.02)
+    assert dataclasses.replace(after, spread=0.01).meets(0.02)
+    change = LandingChange(good.landing.before, after, 0.02)
+    found = dataclasses.replace(good, landing=change)
+    monkeypatch.setattr("hcbench.tuning.ask.tune_job", lambda *_: found)
+    pairs = [word for pair in FEET for word in ("--pair", pair)]
+    out = tmp_path / "tuned.xml"
+    asked = ["tune", str(QUADRUPED), *pairs, "--rebound", "20 mm", "--write-model", str(out)]
+    assert run(asked) == 1
+    captured = capsys.readouterr()
+    assert "nothing written" in captured.out
+    assert "a rebound of 20.5 mm that varies by 20 mm with where in a step" in captured.err
+    assert not out.exists()
+
+
+def test_feet_that_no_pair_names_are_named_where_one_alone_is_tuned() -> None:
+    """A smaller step was advised, with which one foot of four throws the robot up no higher."""
+    landing = tuned(rebound=0.02).landing
+    assert landing is not None
+
+    def advice(pairs: list[str]) -> tuple[str, ...]:
+        requests = [make_request(pair) for pair in pairs]
+        return rebound_settings(QUADRUPED, requests, landing.before, 0.02).advice
+
+    (said,) = advice(FEET[:1])
+    assert said.startswith("Other parts stand on the floor, too: ")
+    command = said.partition("Name them all: ")[2].removesuffix(".").split()
+    assert sorted(command[1::2]) == sorted(FEET)
+    assert advice(FEET) == ()
 
 
 def test_a_rebound_out_of_reach_is_refused_with_the_largest_one_and_what_would_help(
@@ -185,6 +244,20 @@ def test_a_drop_that_diverged_is_said_to_in_each_line_of_the_table() -> None:
 def ball() -> hb.TunedModel:
     good = QUADRUPED.with_name("good.xml")
     return hb.tune_model(good, "ball,plate", restitution=0.5, speeds="0.5, 1 m/s")
+
+
+def test_a_model_that_is_written_beyond_the_limit_is_said_to_be_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The exit code was 1, and no line said that the file is there."""
+    found = ball()
+    monkeypatch.setattr("hcbench.tuning.ask.tune_job", lambda *_: found)
+    out = tmp_path / "tuned.xml"
+    asked = ["tune", str(QUADRUPED.with_name("good.xml")), "--pair", "ball,plate"]
+    asked += ["--restitution", "0.5", "--max-error", "0", "--write-model", str(out)]
+    assert run(asked) == 1
+    assert out.exists()
+    assert f"written: {out}" in "".join(capsys.readouterr().out.splitlines())
 
 
 def test_a_model_whose_text_cannot_stay_says_that_it_includes_no_file(tmp_path: Path) -> None:

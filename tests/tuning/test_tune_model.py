@@ -163,6 +163,20 @@ def test_a_model_that_is_none_is_the_users_mistake(
         list(mujoco.model_settings(str(tmp_path / name), [request], Wanted(restitution=0.5)))
 
 
+def test_the_step_at_which_a_model_was_tuned_is_written_into_it(tmp_path: Path) -> None:
+    """The file kept its own step, at which a tuned e does not hold, without a word."""
+    out = tmp_path / "tuned.xml"
+    asked: dict[str, Any] = {"restitution": 0.6, "speeds": "0.5, 1 m/s", "max_error": 1.0}
+    made = hb.tune_model(GOOD, "ball,plate", **asked, timestep="1/240 s", write_model=out)
+    assert "1/240" not in GOOD.read_text(encoding="utf-8")
+    assert mujoco.MjModel.from_xml_path(str(out)).opt.timestep == 1 / 240
+    assert "the step is now 1/240 s, at which this was tuned" in " ".join(made.notes)
+    own = float(mujoco.MjModel.from_xml_path(str(GOOD)).opt.timestep)
+    kept = hb.tune_model(GOOD, "ball,plate", **asked, timestep=own)
+    assert "<option timestep" not in kept.text
+    assert "masses, step and integrator are as they were" in " ".join(kept.notes)
+
+
 def test_a_model_that_is_nearest_as_it_is_is_left(capsys: pytest.CaptureFixture[str]) -> None:
     """A spring was found with an error of 0.063, where the file has 0.003."""
     assert run(["tune", str(GOOD), "--pair=ball,plate", "--restitution=0.9"]) == 0

@@ -45,6 +45,8 @@ if TYPE_CHECKING:
     from hcbench.sim.model_under_test import Request
     from hcbench.terms.impact import Floats
 
+# Last part of a short drop, s, in which the feet of a robot that stands are on the floor.
+_STANDS_S = 0.2
 # Share of its range by which a joint that is beyond a limit is bent into it.
 _WITHIN_LIMITS = 0.05
 # MuJoCo's contact sensor (XML reference, sensor/contact): bits of what it reads, 1 for the force and
@@ -202,6 +204,29 @@ class ModelDropBench(DropBench):
         state = np.zeros(mujoco.mj_stateSize(model, kind))
         mujoco.mj_getState(model, data, state, kind)
         return state
+
+    def standing_geoms(self) -> set[tuple[int, int]]:
+        """(robot's geom, floor's) of the contacts that press a second after a flat drop from 2 cm.
+
+        Geoms have the numbers of the model. Those that touch in only some of the steps count.
+        """
+        mujoco = backend()
+        data = mujoco.MjData(self.model)
+        mujoco.mj_setState(
+            self.model, data, self._released[DROPS[0]], mujoco.mjtState.mjSTATE_FULLPHYSICS
+        )
+        data.ctrl[:] = self._controls
+        of_robot = self._over_floor.of_robot
+        standing = set()
+        for step in range(round(SECONDS_TO_FALL / self.timestep)):
+            mujoco.mj_step(self.model, data)
+            if step * self.timestep < SECONDS_TO_FALL - _STANDS_S:
+                continue
+            contacts = data.contact
+            acting = self._over_floor.between(contacts.geom) & (contacts.efc_address >= 0)
+            for one, other in contacts.geom[acting].tolist():
+                standing.add((one, other) if of_robot[one] else (other, one))
+        return standing
 
     def _measured_height(self) -> float:
         """Height of the centre of mass over the robot's lowest point, by bounding spheres, m; 1 mm

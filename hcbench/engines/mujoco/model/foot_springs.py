@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
-from hcbench.engines.mujoco.model.bodies import explicit_pairs
+from hcbench.engines.mujoco.model.bodies import body_name, explicit_pairs, geom_name
 from hcbench.engines.mujoco.model.drop_test import ModelDropBench
 from hcbench.engines.mujoco.model.find_pair import named_pair
 from hcbench.engines.mujoco.model.open import load
@@ -22,14 +23,17 @@ from hcbench.engines.mujoco.model.write_pairs import (
     friction_values,
     label_of,
     name_geoms,
+    new_step,
     set_pair,
     spec_of,
+    step_option,
     taken_pairs,
     texts_of,
 )
 from hcbench.sim.landing import DROPS, SECONDS, DropTest, ReboundSettings
 from hcbench.sim.model_under_test import ModelSetting, Texts
 from hcbench.sim.rebound_search import FootSpring, ReboundSearch, SpringGrid
+from hcbench.system.text import joined_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -119,10 +123,11 @@ def write_contact(source: Any, requests: Sequence[Request], contact: FootContact
                 values |= {"margin": _onset(model, one, other), "gap": 0.0}
         elements = known or [spec.add_pair(geomname1=both[0], geomname2=both[1])]
         lines += [set_pair(element, both, values) for element in elements]
-    option = ""
+    step = new_step(spec, requests[0])
+    option = step_option(spec, step)
     if contact.impratio:
-        option = elliptic_option(spec, contact.impratio, "feet slip less", notes)
-    return Written(spec, contact_text(option, lines), notes, names, own)
+        option += elliptic_option(spec, contact.impratio, "feet slip less", notes)
+    return Written(spec, contact_text(option, lines), notes, names, own, step)
 
 
 def _onset(model: Any, one: int, other: int) -> float:
@@ -188,6 +193,11 @@ class PairSearch(ReboundSearch[FootContact]):
         self._own = ModelDropBench(spec_of(source), label, requests)
         super().__init__(self._written, before, target)
 
+    @property
+    def standing(self) -> set[Geoms]:
+        """(robot's geom, floor's) on which the robot stands, as it is."""
+        return self._own.standing_geoms()
+
     def spring(self, frequency: float, damping: float) -> FootContact:
         """The contact with the model's own cone and impratio."""
         return FootContact(frequency, damping)
@@ -251,6 +261,41 @@ def advice(model: Any) -> tuple[str, ...]:
     return tuple(sentences)
 
 
+def _all_feet(search: PairSearch, requests: Sequence[Request]) -> tuple[str, ...]:
+    """A sentence where parts that no pair names stand on the floor, with the options that name all;
+    else none.
+
+    A spring of one foot of four hardly changes how the robot lands, at any step.
+    """
+    if search.before.falls:
+        return ()
+    model = search.plain
+    named = {
+        int(model.body_weldid[model.geom_bodyid[geom]]) for both in search.geoms for geom in both
+    }
+    others: dict[int, tuple[str, str]] = {}
+    for geom, floor in sorted(search.standing):
+        body = int(model.body_weldid[model.geom_bodyid[geom]])
+        # A name of the geom itself is what users call a foot.
+        is_named = bool(model.geom(geom).name)
+        if body not in named and (is_named or body not in others):
+            others[body] = (_part(model, geom), _part(model, floor))
+    if not others:
+        return ()
+    pairs = [request.pair for request in requests if request.pair] + list(others.values())
+    options = " ".join(f"--pair {quote(joined_names(pair))}" for pair in pairs)
+    parts = ", ".join(part for part, _ in others.values())
+    return (f"Other parts stand on the floor, too: {parts}. Name them all: {options}.",)
+
+
+def _part(model: Any, geom: int) -> str:
+    """Name of a geom, or of its body where it has none."""
+    if model.geom(geom).name:
+        return geom_name(model, geom)
+    body = int(model.geom_bodyid[geom])
+    return body_name(model, body) if body else geom_name(model, geom)
+
+
 def rebound_settings(
     source: Any, requests: Sequence[Request], before: DropTest, target: float
 ) -> ReboundSettings:
@@ -271,7 +316,7 @@ def rebound_settings(
         settings(search.nearest_contacts()),
         settings(search.trading_contacts()),
         search.stiffer,
-        advice(search.plain),
+        (*_all_feet(search, requests), *advice(search.plain)),
     )
 
 
@@ -285,8 +330,7 @@ def _setting(source: Any, requests: Sequence[Request], contact: FootContact) -> 
     made = write_contact(source, requests, contact)
     notes = [
         *made.notes,
-        "friction, condim, margin, masses, step and integrator are as they were; the rebound holds "
-        "with them, in this pose with these gains.",
+        f"{made.kept}; the rebound holds with them, in this pose with these gains.",
     ]
     label = label_of(source)
 

@@ -424,7 +424,7 @@ def _setting(
     notes = list(made.notes)
     for pair, _ in pairs:
         notes += mass_note(pair.place)
-    notes.append("friction, condim, margin, masses, step and integrator are as they were.")
+    notes.append(f"{made.kept}.")
     written_rows = itertools.chain.from_iterable(rows for _, rows in pairs)
     if any(row.adhesion for row in written_rows):
         notes.append(

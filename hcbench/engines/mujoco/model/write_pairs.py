@@ -32,6 +32,7 @@ from hcbench.engines.mujoco.scene.rows import (
 )
 from hcbench.sim.model_under_test import Texts
 from hcbench.system.errors import UserError
+from hcbench.system.text import time_step
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -384,6 +385,7 @@ class Written(NamedTuple):
     lines: XML to paste. notes: sentences for the user.
     names: of each geom of the pairs, by its number.
     own: whether the user's text can stay, with the lines added.
+    step: that the lines set in place of the model's own, s; None where they set none.
     """
 
     spec: Any
@@ -391,6 +393,17 @@ class Written(NamedTuple):
     notes: list[str]
     names: dict[int, str]
     own: bool
+    step: float | None = None
+
+    @property
+    def kept(self) -> str:
+        """Clause on what of the model is as it was, and on the step where it is not."""
+        if self.step is None:
+            return "friction, condim, margin, masses, step and integrator are as they were"
+        return (
+            "friction, condim, margin, masses and integrator are as they were; the step is now "
+            f"{time_step(self.step)} s, at which this was tuned"
+        )
 
 
 def texts_of(source: Any, made: Written, sections: Sequence[str], output: Output) -> Texts:
@@ -436,13 +449,15 @@ def written(
     for pair, rows in pairs:
         for one, other in pair.geoms:
             lines += _write_rows(spec, model, pair, (one, other), (names[one], names[other]), rows)
-    option = ""
+    first_pair, _ = pairs[0]
+    step = new_step(spec, first_pair.requests[0])
+    option = step_option(spec, step)
     if impratio is None:
         impratio = needed_impratio(model, pairs)
     if impratio > 0.0:
         what_for = "friction neither throws up what slides nor slips"
-        option = elliptic_option(spec, impratio, what_for, notes)
-    return Written(spec, contact_text(option, lines), notes, names, own)
+        option += elliptic_option(spec, impratio, what_for, notes)
+    return Written(spec, contact_text(option, lines), notes, names, own, step)
 
 
 def colliding_geoms(model: Any, pairs: Sequence[ContactPair]) -> list[tuple[int, int]]:
@@ -468,6 +483,25 @@ def friction_values(model: Any, geoms: tuple[int, int]) -> dict[str, Any]:
         "condim": int(contact["condim"]),
         "friction": [sliding, sliding, torsional, rolling, rolling],
     }
+
+
+def new_step(spec: Any, request: Request) -> float | None:
+    """The step of a request, s; None where it asks for none, or for the model's own."""
+    if request.timestep is None or request.timestep == float(spec.option.timestep):
+        return None
+    return request.timestep
+
+
+def step_option(spec: Any, step: float | None) -> str:
+    """Set the step in a spec, s, and return the <option> that says so; None: "", and it stays.
+
+    A contact tuned at one step bounces otherwise at another. Of two <option>s MuJoCo takes each
+    attribute from the later one, so the line holds at the end of a model that has a step.
+    """
+    if step is None:
+        return ""
+    spec.option.timestep = step
+    return f'<option timestep="{step!r}"/>\n'
 
 
 def elliptic_option(spec: Any, impratio: float, what_for: str, notes: list[str]) -> str:

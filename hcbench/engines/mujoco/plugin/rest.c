@@ -172,6 +172,11 @@ static double third_of_constant(const mjModel* m, const blow* b) {
   return HCB_COARSE_FREE * (b->constant > 0 ? fmax(b->constant, least) : 1 / sqrt(fmax(-b->constant, mjMINVAL)));
 }
 
+/* Whether gravity hardly closes a contact: what rests in it is pressed there by others, as by a slope against a wall. */
+static int is_steep(const mjModel* m, const blow* b) {
+  return b->law.still < HCB_STEEP * HCB_STILL * mju_norm3(m->opt.gravity) * m->opt.timestep;
+}
+
 /* Sets the speed at which a contact is lifted where it rests deeper than on MuJoCo's own contact. Rows hold velocities, and what turns
    sinks by more than these say: the point at which a disc touches runs on, and the next one comes down at a speed u that the last step
    did not stop. As it comes down by u h/2 within a step, speeds of -u and u at its two ends keep the depth and the energy; 0 at the end
@@ -181,7 +186,7 @@ static double third_of_constant(const mjModel* m, const blow* b) {
 static void set_lift(const mjModel* m, blow* b) {
   double h = m->opt.timestep, third = third_of_constant(m, b), approach = fmax(0, -b->rate[0]);
   double gravity = mju_norm3(m->opt.gravity), excess = b->x - gravity * third * third - approach * h;
-  if (excess <= 0 || gravity == 0 || b->law.still < HCB_STEEP * HCB_STILL * gravity * h) return;
+  if (excess <= 0 || gravity == 0 || is_steep(m, b)) return;
   double most = excess / (HCB_LIFT_STEPS * h);
   int turns_in = approach <= most;
   b->lift = fmin(most, HCB_LIFTS * b->law.still + (turns_in ? HCB_RETURNS * approach : 0));

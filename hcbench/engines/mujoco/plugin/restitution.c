@@ -495,9 +495,10 @@ static void warn_of_one_sunk(const mjModel* m, const mjData* d, const blow* b, i
     mju_warning("plugin %s: body %s starts %.3g mm inside body %s. It is lifted where it rests, slowly, and stays so elsewhere; "
                 "MuJoCo's own contact would throw it out: start it outside", RESTITUTION_NAME, name[0], 1e3 * b->x, name[1]);
   } else {
-    mju_warning("plugin %s: body %s stands %.2g mm deep in body %s at %g s, more than %g mm deeper than on MuJoCo's own contact: set a "
-                "finer timestep than %g s, or let nothing crush it", RESTITUTION_NAME, name[0], 1e3 * b->x, name[1], d->time,
-                1e3 * HCB_DEEPER, m->opt.timestep);
+    char advice[2 * NAME] = "give this pair MuJoCo's own contact, as what is pressed against a wall sinks at any step";
+    if (!is_steep(m, b)) snprintf(advice, sizeof(advice), "set a finer timestep than %g s, or let nothing crush it", m->opt.timestep);
+    mju_warning("plugin %s: body %s stands %.2g mm deep in body %s at %g s, more than %g mm deeper than on MuJoCo's own contact: %s",
+                RESTITUTION_NAME, name[0], 1e3 * b->x, name[1], d->time, 1e3 * HCB_DEEPER, advice);
   }
 }
 

@@ -17,6 +17,7 @@ from hcbench.engines.pybullet.model.under_test import PybulletModel
 from hcbench.sim.landing import DropTest, ReboundSettings
 from hcbench.sim.model_under_test import ModelSetting, Suspect, Texts
 from hcbench.sim.rebound_search import FootSpring, ReboundSearch, SpringGrid
+from hcbench.system.text import time_step
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -123,7 +124,7 @@ def rebound_settings(
 
     def settings(springs: Iterator[FootSpring]) -> Iterator[ModelSetting]:
         for spring in springs:
-            yield _setting(build, search, spring)
+            yield _setting(build, search, spring, requests[0].timestep)
 
     return ReboundSettings(
         settings(search.contacts()),
@@ -134,14 +135,19 @@ def rebound_settings(
 
 
 def _setting(
-    build: Callable[[], LoadedWorld], search: LinkSearch, spring: FootSpring
+    build: Callable[[], LoadedWorld], search: LinkSearch, spring: FootSpring, step: float | None
 ) -> ModelSetting:
-    """A spring of the feet as a setting of a user's world: notes, lines and the world with it."""
+    """A spring of the feet as a setting of a user's world: notes, lines and the world with it.
+
+    step: at which the world was tuned in place of its own, s; None: its own.
+    """
     calls = search.calls(spring)
+    kept = "Friction, masses and step are as they were"
+    if step is not None:
+        kept = f"Friction and masses are as they were; the step must be {time_step(step)} s"
     notes = [
         "contactStiffness, N/m, and contactDamping, N s/m, act at each point of contact.",
-        "Friction, masses and step are as they were; the rebound holds with them, in this pose with "
-        "these motors.",
+        f"{kept}; the rebound holds with them, in this pose with these motors.",
     ]
     if search.others:
         notes.append(f"{', '.join(search.others)} land on the floor, too, and keep their contact.")
