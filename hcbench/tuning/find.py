@@ -33,15 +33,13 @@ if TYPE_CHECKING:
     from hcbench.terms.setting import Setting
 
 
-# Chooses a recipe by what it matches and by how many steps the law's contact lasts, never by its
-# name.
-
 Match = Literal["restitution", "loop", "both"]
 
 
 def candidates(engine: str, target: Target, scene: Scene, match: Match) -> list[tuple[Recipe, str]]:
     """An engine's own recipes that may serve a target, the simplest first, and what each promises.
 
+    They are chosen by what they match and by how many steps the law's contact lasts, never by name.
     match: what the setting aims at: one recipe for the loop; for restitution all that "auto" tries
     in turn.
     Raises SettingError where there is none, UserError for an unknown engine.

@@ -152,7 +152,7 @@ class _Drops:
         if library is None or len(self._rows) > _MOST_ROWS:
             return self._run_by_arrays(states, is_single)
         rows = (_Row * len(self._rows))(*map(_Row.of, self._rows))
-        goal = _Goal.of(self._h, self._g, len(self._rows), is_single)
+        goal = _DropGoal.of(self._h, self._g, len(self._rows), is_single)
         rebounds = np.empty(states.shape[1])
         extremes = np.empty(2)
         arrays = [array.ctypes.data for array in (*states, rebounds, extremes)]
@@ -227,7 +227,7 @@ class _Row(ctypes.Structure):
         )
 
 
-class _Goal(ctypes.Structure):
+class _DropGoal(ctypes.Structure):
     """`Goal` of drops.c, which says what its fields are."""
 
     _names = "h g half_gain twice_g gain fall most_e lasts rested"
@@ -239,7 +239,7 @@ class _Goal(ctypes.Structure):
     )
 
     @classmethod
-    def of(cls, h: float, g: float, rows: int, is_single: bool) -> _Goal:
+    def of(cls, h: float, g: float, rows: int, is_single: bool) -> _DropGoal:
         """The numbers of drops under a time step of h s and gravity of g m/s², in so many rows."""
         return cls(
             h=h,

@@ -38,7 +38,7 @@ typedef struct { /* what stages of a Runge-Kutta step share of one contact */
   double value[ROWS], closing;
 } plan;
 
-typedef struct { /* a contact of MuJoCo that is to stand after a step, but for an approach of `closing` */
+typedef struct { /* a contact of MuJoCo that is to stand after a step, but for an approach of `closing`; below 0: one that is lifted */
   int contact;
   double closing;
 } standing;

@@ -122,7 +122,8 @@ static double rest_compliance(const mjModel* m, const mjData* d, const blow* b, 
 }
 
 /* Whether a contact that is to stand is solved again after the step where it does not (strays.c): one that turns against friction;
-   and one that slides, or is pressed by other forces than rest.c knows, but for Newton where only one is so. */
+   and one that slides, or is pressed by other forces than rest.c knows, or moves on in the stages of RK4, but for Newton where only
+   one is so. */
 static int may_stray(const mjModel* m, const blow* b, int loaded) {
   double slow = HCB_STRAYS * b->law.still;
   int slides = larger(b->slip, length(b->rate[1], b->rate[2])) > slow, turns = b->dim > 3 && b->dilation > slow;
@@ -130,7 +131,7 @@ static int may_stray(const mjModel* m, const blow* b, int loaded) {
   return b->tendon < 0 && (b->rests || b->held) && (turns || reasons > 1 || stops_early(m));
 }
 
-/* Marks a contact of MuJoCo as one that is to stand after the step. */
+/* Marks a contact of MuJoCo as one that is to stand after the step (`standing`). */
 static void let_stand(instance* memory, int contact, double closing) {
   if (memory->stand == memory->room_to_stand) {
     memory->room_to_stand = memory->room_to_stand ? 2 * memory->room_to_stand : 16;
@@ -165,12 +166,14 @@ static void even_cone(const mjModel* m, mjData* d, const blow* b) {
   d->contact[b->contact].mu = b->friction[0] * sqrt(d->efc_R[b->row + 1] / d->efc_R[b->row]); /* MuJoCo makes it of its own rows so */
 }
 
-/* About a third of the time constant of MuJoCo's own contact, s: after an approach u it goes as deep as u times that, and a body that
-   rests on it stands as deep as g times its square. */
+/* About a third of the time constant of MuJoCo's own contact, s: after an approach u it goes as deep as u times that. */
 static double third_of_constant(const mjModel* m, const blow* b) {
   double least = m->opt.disableflags & mjDSBL_REFSAFE ? 0 : 2 * m->opt.timestep;
   return HCB_COARSE_FREE * (b->constant > 0 ? fmax(b->constant, least) : 1 / sqrt(fmax(-b->constant, mjMINVAL)));
 }
+
+/* How deep a body stands at rest on MuJoCo's own contact, m, for a third of its time constant. */
+static double own_depth(const mjModel* m, double third) { return mju_norm3(m->opt.gravity) * third * third; }
 
 /* Whether gravity hardly closes a contact: what rests in it is pressed there by others, as by a slope against a wall. */
 static int is_steep(const mjModel* m, const blow* b) {
@@ -185,8 +188,8 @@ static int is_steep(const mjModel* m, const blow* b) {
    Where gravity hardly closes a contact, as at a wall or in front of a hand, what is lifted would go on, or gain energy. */
 static void set_lift(const mjModel* m, blow* b) {
   double h = m->opt.timestep, third = third_of_constant(m, b), approach = fmax(0, -b->rate[0]);
-  double gravity = mju_norm3(m->opt.gravity), excess = b->x - gravity * third * third - approach * h;
-  if (excess <= 0 || gravity == 0 || is_steep(m, b)) return;
+  double excess = b->x - own_depth(m, third) - approach * h;
+  if (excess <= 0 || mju_norm3(m->opt.gravity) == 0 || is_steep(m, b)) return;
   double most = excess / (HCB_LIFT_STEPS * h);
   int turns_in = approach <= most;
   b->lift = fmin(most, HCB_LIFTS * b->law.still + (turns_in ? HCB_RETURNS * approach : 0));

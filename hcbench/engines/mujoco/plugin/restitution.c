@@ -506,7 +506,7 @@ static void warn_of_one_sunk(const mjModel* m, const mjData* d, const blow* b, i
    constant, at rest about g times the square of a third of that. A state that does not follow the last one may be as deep as it is:
    what is as deep a step later has started inside. */
 static void warn_of_sunk(const mjModel* m, const mjData* d, const blow* all, int count, instance* memory) {
-  double h = m->opt.timestep, gravity = mju_norm3(m->opt.gravity);
+  double h = m->opt.timestep;
   int follows = memory->seen == d->time || is_next(m, d, memory);
   const blow* deepest[2] = {NULL, NULL}; /* that sank, and that started inside */
   for (int i = 0; i < count; i++) {
@@ -516,7 +516,7 @@ static void warn_of_sunk(const mjModel* m, const mjData* d, const blow* all, int
     double third = third_of_constant(m, b);
     own->lets = larger(own->lets, follows ? -b->rate[0] * third : fabs(b->rate[0]) * fmax(third, h));
     own->starts_in = larger(own->starts_in, follows ? 0 : b->x);
-    if (!follows || !(b->x > larger(own->lets, gravity * third * third) + HCB_DEEPER)) continue;
+    if (!follows || !(b->x > larger(own->lets, own_depth(m, third)) + HCB_DEEPER)) continue;
     const blow** one = deepest + (b->x <= own->starts_in + HCB_DEEPER);
     if (!*one || b->x > (*one)->x) *one = b;
   }

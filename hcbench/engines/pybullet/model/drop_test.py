@@ -21,7 +21,7 @@ from hcbench.engines.pybullet.model.over_floor import (
     QUATERNION,
     SPIN,
     VELOCITY,
-    OverFloor,
+    WorldOverFloor,
     drive_of,
     prepare,
 )
@@ -134,7 +134,7 @@ class WorldDropBench(DropBench):
         """Time of a drop from release, s. seconds: of those that show how a robot rests."""
         return seconds if drop in LASTING else min(seconds, _BRIEF_S)
 
-    def _prepared(self) -> tuple[OverFloor, Callable[[], None], str]:
+    def _prepared(self) -> tuple[WorldOverFloor, Callable[[], None], str]:
         """(the robot in its pose over its floor, what drives its joints, the drive in words); in a
         forked copy, whose world it changes.
 
@@ -143,7 +143,7 @@ class WorldDropBench(DropBench):
         prepare(self.world, self._request)
         if self._apply is not None:
             self._apply(self.world.bullet)
-        over_floor = OverFloor(self.world, self.number)
+        over_floor = WorldOverFloor(self.world, self.number)
         has_motors = not self.world.files or not self._request.actuators
         return over_floor, *drive_of("ctrl" if has_motors else "pd", over_floor)
 
@@ -209,7 +209,7 @@ def _feet(
 
 
 def _drop(
-    over_floor: OverFloor, drive: Callable[[], None], drop: RobotDrop, seconds: float
+    over_floor: WorldOverFloor, drive: Callable[[], None], drop: RobotDrop, seconds: float
 ) -> Seen:
     """Drop the robot once, in a world that may be changed.
 
@@ -219,7 +219,7 @@ def _drop(
     sine = np.sin(drop.tilt / 2)
     turn = [*(sine * np.array(TILT_AXIS)).tolist(), float(np.cos(drop.tilt / 2))]
     lowest = over_floor.put(drop.height + raised_for(drop.phase, drop.height, g, h), turn)
-    path = _Path(over_floor)
+    path = _DropPath(over_floor)
     for _ in range(round(seconds / h)):
         drive()
         path.step()
@@ -229,13 +229,13 @@ def _drop(
     return Seen(dropped.landed(motion, drop.height), frozenset(path.links), path.points)
 
 
-class _Path:
+class _DropPath:
     """The way of a robot, recorded step by step.
 
     links: that the floor pushed. points: at which it pushed at once, at most.
     """
 
-    def __init__(self, over_floor: OverFloor) -> None:
+    def __init__(self, over_floor: WorldOverFloor) -> None:
         """Read the inertias of the links."""
         self._over_floor = over_floor
         bullet, robot = over_floor.bullet, over_floor.robot

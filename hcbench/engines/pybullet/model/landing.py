@@ -20,8 +20,8 @@ from hcbench.engines.pybullet.backend import (
 from hcbench.engines.pybullet.model.bodies import mass_and_volumes
 from hcbench.engines.pybullet.model.in_child import can_fork, run_aside
 from hcbench.engines.pybullet.model.over_floor import (
-    Motion,
-    OverFloor,
+    LinkMotion,
+    WorldOverFloor,
     drive_of,
     prepare,
     tilt_about_y,
@@ -106,7 +106,7 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
     return replace(run_aside(bullet, described), drops=tuple(landings))
 
 
-class _DropBench(OverFloor):
+class _DropBench(WorldOverFloor):
     """A robot over its floor that is dropped once, in a copy of its world."""
 
     def landing(
@@ -167,7 +167,7 @@ class _DropBench(OverFloor):
         weight = self.mass * self.g
         return Landing(height, tilt, -rising[0], speed_out, weight, fallen, time, pushed)
 
-    def _tread(self, before: Motion, time: float, feet: dict[int, FootfallLog]) -> float:
+    def _tread(self, before: LinkMotion, time: float, feet: dict[int, FootfallLog]) -> float:
         """Force of the floors on the robot in the step just taken, N upwards: of the contacts'
         normal forces, as PyBullet tells no way of their friction.
 

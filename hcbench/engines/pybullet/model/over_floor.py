@@ -34,7 +34,7 @@ _GAINS = 2
 CENTRE, QUATERNION, VELOCITY, SPIN = 0, 1, 6, 7
 
 
-class Motion(NamedTuple):
+class LinkMotion(NamedTuple):
     """Centres of mass, m, velocities, m/s, and spins, rad/s, of the links, (n, 3) each; the base
     last, as Python counts -1.
     """
@@ -49,7 +49,7 @@ class Motion(NamedTuple):
         return np.asarray(self.velocities[link] + np.cross(self.spins[link], lever))
 
 
-class OverFloor:
+class WorldOverFloor:
     """A robot with a free base, in its pose, over the fixed bodies of its world.
 
     robot: its body. name: of it. links: numbers. masses: kg, of the links and last the base. mass:
@@ -94,7 +94,7 @@ class OverFloor:
             raise UserError("gravity", got, "a gravity that lets the robot fall", "--gravity 9.81")
         self.up = -gravity / self.g
 
-    def motion(self) -> Motion:
+    def motion(self) -> LinkMotion:
         """The present motion of the base and all links."""
         bullet = self.bullet
         centre, _ = bullet.getBasePositionAndOrientation(self.robot)
@@ -104,13 +104,13 @@ class OverFloor:
             states = bullet.getLinkStates(
                 self.robot, self.links, computeLinkVelocity=1, computeForwardKinematics=1
             )
-        return Motion(
+        return LinkMotion(
             np.array([*(state[CENTRE] for state in states), centre]),
             np.array([*(state[VELOCITY] for state in states), velocity]),
             np.array([*(state[SPIN] for state in states), spin]),
         )
 
-    def rising(self, motion: Motion) -> float:
+    def rising(self, motion: LinkMotion) -> float:
         """Speed of the centre of mass upwards, m/s."""
         return float(self.masses @ motion.velocities @ self.up) / self.mass
 
@@ -167,7 +167,7 @@ def tilt_about_y(angle: float) -> list[float]:
     return [0.0, math.sin(angle / 2), 0.0, math.cos(angle / 2)]
 
 
-def drive_of(controller: Any, over_floor: OverFloor) -> tuple[Callable[[], None], str]:
+def drive_of(controller: Any, over_floor: WorldOverFloor) -> tuple[Callable[[], None], str]:
     """(function that drives the joints before each step, what holds them in words).
 
     "pd": position motors of PyBullet hold the pose, each with its joint's effort. "pd:KP,KD":
