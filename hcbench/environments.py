@@ -150,7 +150,10 @@ def _read(folder: Path) -> Environment:
 
 
 def _order(version: str) -> list[tuple[int, str]]:
-    """The key by which a version sorts: 3.9 before 3.10, and 3.9rc1 before 3.9.1."""
+    """The key by which a version sorts: 3.9 before 3.10, and 3.9rc1 before 3.9.1.
+
+    A pair for each run of digits or of letters, (number, "") or (-1, letters).
+    """
     order = []
     for part in re.findall(r"\d+|[a-z]+", version):
         if part.isdigit():
@@ -253,8 +256,8 @@ def _known_pythons() -> dict[str, str]:
 
 
 def _known(python: str) -> str:
-    """Path of the newest of the `_known_pythons` of a version such as "3.13" or "3"; "" for none of
-    them, and for an argument that is a path.
+    """Path of the newest installed Python of a version such as "3.13" or "3", as far as hcbench
+    finds it itself (`_known_pythons`); "" where there is none, and for an argument that is a path.
     """
     if not re.fullmatch(r"\d+(\.\d+)*", python):
         return ""

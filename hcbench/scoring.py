@@ -35,8 +35,7 @@ class LoopScore:
     rms: distance in force at equal penetration and branch, root mean square over the loop's path in x, over
         the law's largest force.
     area_ratio: of the energy lost; NaN for a law without damping, which encloses no area.
-    touch_force, parting_force: the force at x = 0 that the first and last two samples point to,
-    over
+    touch_force, parting_force: the force at x = 0 that the first and last two samples point to, over
         the largest.
     tension_share: the share of the impulse that pulls.
     samples: steps in contact.
@@ -147,7 +146,7 @@ def _force_distance(loop: Loop, truth: Loop) -> float:
 _NEAR_ZERO = 0.005
 # Largest difference of the exponent of ΔE from the law's own.
 _EXPONENT_SLACK = 0.15
-# Energy gained beyond round-off, as a share.
+# Speed gained beyond round-off, as a share.
 _GAIN = 1e-9
 _Flags = NDArray[np.bool_]
 
@@ -280,6 +279,7 @@ class Tally:
         self._counts += [len(good), some.parted.sum(), some.rested.sum()]
         lowest, highest = self._ends
         self._ends = np.array([min(lowest, some.speed.min()), max(highest, some.speed.max())])
+        # The kinetic energy goes with e²: a gain of e by _GAIN is one of energy by twice as much.
         self._gained |= some.gained or bool((some.energy_lost[good] < -2 * _GAIN).any())
         if not len(e):
             return
@@ -392,8 +392,8 @@ class _Slope:
         self._fastest = max(self._fastest, float(speeds.max()))
 
     def value(self) -> float:
-        """The exponent p; NaN for fewer than three losses, and unless they span speeds a factor of
-        1.5 apart.
+        """The exponent p; NaN for fewer than three losses above 0, and where the fastest is below
+        1.5 times the slowest, between which a slope would be mostly round-off.
         """
         n, x, y, xx, xy = self._sums.tolist()
         if n < 3 or not self._fastest >= 1.5 * self._slowest:
@@ -574,5 +574,6 @@ def _columns(impacts: Sequence[Impact]) -> Measured:
         e=e,
         energy_lost=energy_lost,
         samples=samples,
+        # A launch that diverged has no e to tell it by: the engine's own error may name it.
         gained=any("energy" in impact.reason for impact in impacts),
     )

@@ -42,7 +42,9 @@ COMBINE: Json = {
 
 
 def load(path: Path) -> Json:
-    """The cases of a file, each run with what its case shares."""
+    """The cases of a file. Each run has "world", whole, with what its case shares, "record", the
+    spans of steps (first, last) after which states are kept, and "expected", numbers by quantity.
+    """
     cases: Json = json.loads(path.read_text("utf-8"))
     for case in cases["cases"]:
         for each in case["runs"]:
@@ -61,15 +63,19 @@ def run(engine: Any, cases: Json) -> Json:
 
 
 def _run_case(engine: Any, runs: list[Json]) -> list[Json]:
-    """Results: {"states": ...}, {"unsupported": why} or {"error": why}."""
+    """A result of each run: {"states": States}, {"unsupported": why} or {"error": why}.
+
+    An engine with `start` has all worlds of one batch at once, those that are alike in steps and
+    shapes; any other has one world at a time. An error is that of all runs of the batch.
+    """
     batches: Json = {}
     results: list[Json] = []
     for number, each in enumerate(runs):
-        world = each["world"]
-        shapes = [(body["shape"], body.get("fixed")) for body in world["bodies"]]
-        key = str((each["record"][-1][-1], world["timestep"], world["floor"], shapes))
-        if not hasattr(engine, "start"):
-            key = str(number)  # one world at a time
+        key = str(number)
+        if hasattr(engine, "start"):
+            world = each["world"]
+            shapes = [(body["shape"], body.get("fixed")) for body in world["bodies"]]
+            key = str((_last_step(each), world["timestep"], world["floor"], shapes))
         results.append({})
         batches.setdefault(key, []).append((each, results[-1]))
     for batch in batches.values():
@@ -77,7 +83,8 @@ def _run_case(engine: Any, runs: list[Json]) -> list[Json]:
             _run_batch(engine, batch)
         except Exception as error:
             for _, result in batch:
-                if result.pop("states", None) is not None or not result:
+                if "unsupported" not in result:
+                    result.clear()  # states up to the error
                     result["error"] = _with_place(error)
     return results
 
@@ -91,7 +98,9 @@ def _with_place(error: Exception) -> str:
 
 
 def _run_batch(engine: Any, batch: list[Any]) -> None:
-    """Step the worlds that the engine can make; add states to the results of their runs."""
+    """Step the worlds of (run, result) pairs together, and put "states" into each result, or
+    "unsupported". Raises what the engine raises, ValueError for a wrong number of bodies.
+    """
     made = []
     for each, result in batch:
         try:
@@ -106,7 +115,8 @@ def _run_batch(engine: Any, batch: list[Any]) -> None:
     is_batch = hasattr(engine, "start")
     if is_batch:
         engine.start()
-    for step in range(1 + made[0][0]["record"][-1][-1]):  # one for a batch
+    run, _ = made[0]
+    for step in range(1 + _last_step(run)):  # the same of all in a batch
         if step:
             engine.step()
         asked = [any(a <= step <= b for a, b in each["record"]) for each, _ in made]
@@ -114,37 +124,47 @@ def _run_batch(engine: Any, batch: list[Any]) -> None:
             continue
         worlds = engine.state() if is_batch else [engine.state()]
         for (each, states), is_asked, bodies in zip(made, asked, worlds, strict=True):
-            if is_asked:
-                moving = sum(not body.get("fixed") for body in each["world"]["bodies"])
-                if len(bodies) != moving:
-                    raise ValueError(f"step {step}: {len(bodies)} bodies, not {moving}")
-                # Nine digits: far below any tolerance.
-                states.append([step, *([float(f"{x:.9g}") for x in b] for b in bodies)])
+            if not is_asked:
+                continue
+            moving = sum(not body.get("fixed") for body in each["world"]["bodies"])
+            if len(bodies) != moving:
+                raise ValueError(f"step {step}: {len(bodies)} bodies, not {moving}")
+            # Nine digits: far below any tolerance.
+            rounded = [[float(f"{x:.9g}") for x in body] for body in bodies]
+            states.append([step, *rounded])
+
+
+def _last_step(run: Json) -> int:
+    *_, (_, last) = run["record"]
+    return int(last)
 
 
 def restitution(each: Json, states: States) -> float:
-    """Speed after over speed before, both where the flights meet.
+    """e of a run's ball on the floor: speed after over speed before, both at the height where its
+    two flights meet; 0 if it does not come back, -1 if it falls on under the floor.
 
-    0 if nothing comes back, -1 if the ball falls on under the floor.
-    The flight before is the launch's: one that acts before the touch leaves none to read.
+    By heights alone: what an engine calls the velocity differs by half a step. The flight before is
+    that of the launch, as an engine that acts before the touch leaves no other to read.
     """
-    h = each["world"]["timestep"]
-    *_, g = each["world"]["gravity"]
+    h = each["world"]["timestep"]  # s
+    *_, g = each["world"]["gravity"]  # m/s², below 0
     ball, *_ = each["world"]["bodies"]
-    z = {step: body[Z] for step, body, *_ in states}
+    z = {step: body[Z] for step, body, *_ in states}  # m
     rising = _free_rise(z, g * h**2, ball["radius"])
     if not rising:
         *_, (step, end) = z.items()
         # A quarter of free fall; sinking is slower.
         return -1.0 if end < g * (step * h) ** 2 / 8 else 0.0
     last = rising[-1]
-    up = (z[last + 1] - z[last - 1]) / (2 * h)
+    up = (z[last + 1] - z[last - 1]) / (2 * h)  # velocity at step `last`, m/s
     # The first step has none of gravity's share (explicit Euler), half (exact), or all.
-    velocity, gain = ball["velocity"][Z], g * h
+    velocity = ball["velocity"][Z]
+    gain = g * h
     first = (z[1] - z[0]) / h - velocity
     share = min((0.0, 0.5, 1.0), key=lambda x: abs(first - x * gain))
-    down = velocity + (share - 0.5) * gain
-    # Both parabolas bend alike and meet once: where a short impact was.
+    down = velocity + (share - 0.5) * gain  # of the parabola through the steps, at step 0
+    # Both parabolas bend alike and meet once, `since` s after step `last` (below 0): where a short
+    # impact was. A long one is read at the height of the touch.
     fall = gain * last  # velocity, m/s
     since = (z[last] - z[0] - (down + fall / 2) * last * h) / (down + fall - up)
     plane = ball["radius"]
@@ -156,9 +176,10 @@ def restitution(each: Json, states: States) -> float:
 
 
 def _free_rise(z: dict[int, float], fall: float, touch: float) -> list[int]:
-    """Steps after the contact on which a ball first rises; none of one that rests or hovers.
+    """Steps of a ball's first rise without contact, in order; none if it rests or hovers.
 
-    z: {step: height}, m. fall: their second difference in free flight.
+    z: {step: height}, m. fall: second difference of the height in free flight, m, 0 without
+    gravity, where only steps above the height of the touch, m, are free.
     """
     free: list[int] = []
     is_up = False
@@ -171,9 +192,12 @@ def _free_rise(z: dict[int, float], fall: float, touch: float) -> list[int]:
             free.clear()  # without gravity only a contact ends a rise
             continue
         is_up = True
-        bend = z[step + 1] - 2 * height + z[step - 1]
-        if abs(bend - fall) > abs(fall) / 2 if fall else height < touch:
-            free.clear()  # still, or again, in contact
+        is_in_contact = height < touch
+        if fall:
+            bend = z[step + 1] - 2 * height + z[step - 1]
+            is_in_contact = abs(bend - fall) > abs(fall) / 2
+        if is_in_contact:
+            free.clear()  # still, or again
         else:
             free.append(step)
     return free
@@ -224,7 +248,10 @@ def sink(each: Json, states: States) -> Any:
 
 
 def rise(each: Json, states: States) -> Any:
-    """Height of the first body's rebound over that of its fall; negative if it fell through."""
+    """Height of the first body's rebound over that of its fall; negative if it fell through.
+
+    each: a run, with its "fall", m, from the body's first height to the touch.
+    """
     z = [body[Z] for _, body, *_ in states]
     fall = each["fall"]
     touch = each["world"]["bodies"][0]["position"][Z] - fall
@@ -272,7 +299,11 @@ def judge(results: Json, cases: Json) -> list[Json]:
 
 
 def _judge(case: Json, done: list[Json], combine: Any) -> Json:
-    """The verdict on a case. done: the results of its runs."""
+    """The verdict on a case, as `judge` has it: by the run with the largest error of each quantity.
+
+    done: results of the case's runs, in order, as `_run_case` makes them. combine: name of the
+    engine's rule for two restitutions, None without one.
+    """
     worst: Json = {}
     off: Json = {}  # largest error, by quantity
     word, why = "pass", ""
@@ -281,7 +312,7 @@ def _judge(case: Json, done: list[Json], combine: Any) -> Json:
             if "states" not in result:
                 ((word, why),) = result.items()  # "unsupported" or "error"
                 break
-            if not all(math.isfinite(x) for _, *s in result["states"] for b in s for x in b):
+            if not _is_finite(result["states"]):
                 word, why = "fail", f"a state is not finite (run {number})"
                 break
             for name, measured, true in _compared(each, result["states"], combine):
@@ -303,8 +334,15 @@ def _judge(case: Json, done: list[Json], combine: Any) -> Json:
     return {"case": case["id"], "title": case["title"], "verdict": word, "why": why, "worst": worst}
 
 
+def _is_finite(states: States) -> bool:
+    return all(math.isfinite(x) for _, *bodies in states for body in bodies for x in body)
+
+
 def _compared(each: Json, states: States, combine: Any) -> Any:
-    """(name, measured, true) of each number that a run expects."""
+    """(name, measured, true) of each number that a run expects, three of a vector.
+
+    combine: as of `_judge`. Raises NotImplementedError for a run with two materials without a rule.
+    """
     materials = each["world"].get("materials")
     if materials and combine is None:
         raise NotImplementedError("no rule for two restitutions is stated")
@@ -318,17 +356,26 @@ def _compared(each: Json, states: States, combine: Any) -> Any:
 
 
 def outcome(verdict: Json, expected: Json) -> tuple[str, str]:
-    """("passed", "failure" or "skipped", why). expected: known failures, {case: reason}."""
-    known, word = expected.get(verdict["case"]), verdict["verdict"]
+    """A verdict held against what is known: ("passed", "failure" or "skipped", why).
+
+    expected: known failures of the engine, {case: reason}; they are skipped, and fail if they pass.
+    """
+    known = expected.get(verdict["case"])
+    word = verdict["verdict"]
+    if word == "pass" and known:
+        return "failure", f"passes, but is expected to fail: {known}"
     if word == "pass":
-        return ("failure", f"passes, but is expected to fail: {known}") if known else ("passed", "")
+        return "passed", ""
     if known or word == "unsupported":
         return "skipped", known or verdict["why"]
     return "failure", f"{word}: {verdict['why']}"
 
 
 def junit(verdicts: list[Json], engine: str, expected: Json) -> str:
-    """The verdicts of `judge` as JUnit's XML. expected: see `outcome`."""
+    """The verdicts of `judge` on one engine as JUnit's XML, a test case each.
+
+    engine: its name. expected: its known failures, {case: reason}.
+    """
     root = ET.Element("testsuite", name=f"hcbench-cases {engine}", tests=str(len(verdicts)))
     kinds = []
     for verdict in verdicts:
@@ -354,10 +401,12 @@ def run_apart(
     """Results of an engine in a process of its own, up to the first case that ends it.
 
     That case, or one of more than `limit` s, has errors; those after it are left out.
-    The version is "" where no engine could be made. start: runs Python with arguments.
+    The version is "" where no engine could be made. variant: place of the engine in the adapter's
+    ENGINES. start: runs Python with arguments, as `subprocess.run`.
     """
     with tempfile.TemporaryDirectory() as folder:
-        lines, asked = Path(folder) / "lines", Path(folder) / "cases.json"
+        lines = Path(folder) / "lines"
+        asked = Path(folder) / "cases.json"
         lines.touch()
         asked.write_text(json.dumps(cases), "utf-8")
         own = map(str, (adapter, variant, lines))
@@ -367,7 +416,7 @@ def run_apart(
     why = f"ended with {done.returncode}: {' '.join(said.split())[-200:]}"
     if "Timeout (" in said:  # of faulthandler
         why = f"took longer than --limit, {limit:g} s"
-    if done.returncode == 3:
+    if done.returncode == 3:  # of `main`, whose last line is the error
         *_, why = said.split("\n")
     unmade = argparse.Namespace(name=f"ENGINES[{variant}]", version="")
     results = joined(parts or [run(unmade, {**cases, "cases": []})])
@@ -387,7 +436,11 @@ def joined(parts: list[Json]) -> Json:
 
 
 def _work(asked: Any, cases: Json) -> int:
-    """Run the cases in an engine; write results before them and after each."""
+    """Run the cases in one engine, in its process; return 0.
+
+    asked: arguments; `own` has the variant and the file to which a line of results is added before
+    the cases and after each, so that a crash leaves those until then.
+    """
     faulthandler.dump_traceback_later(asked.limit, exit=True)
     variant, lines = asked.own
     engine = runpy.run_path(str(asked.adapter))["ENGINES"][int(variant)]()
@@ -399,7 +452,10 @@ def _work(asked: Any, cases: Json) -> int:
 
 
 def _run_every(asked: Any, cases: Json, known: Json) -> int:
-    """Run each case of each engine in a process; write the files after it."""
+    """Run each case of each engine in a process; write the files that were asked for after each.
+
+    known: expected failures, {engine: {case: reason}}. Returns the exit code, see `main`.
+    """
     failures = made = 0
     done: list[list[Json]] = []  # of each engine the results of its cases
     suites = []
@@ -413,11 +469,13 @@ def _run_every(asked: Any, cases: Json, known: Json) -> int:
             results = run_apart(asked.adapter, variant, alone, limit=asked.limit)
             done[-1].append(results)
             verdicts += judge(results, alone)
-            name, number = results["engine"]["name"], case["id"]
+            name = results["engine"]["name"]
+            number = case["id"]
             made += results["engine"]["version"] != ""
             expected = known.get(name, {})
             kind, text = outcome(verdicts[-1], expected)
             failures += kind == "failure"
+            # The same error in many cases is printed once.
             if text[:5] == "error" and said.setdefault(text, number) != number:
                 text = f"error: as in {said[text]}"
             print(f"{name} {number} {kind}  {case['title']}  {text}", file=sys.stderr)
@@ -434,7 +492,11 @@ def _run_every(asked: Any, cases: Json, known: Json) -> int:
 
 
 def main() -> int:
-    """Exit 1 for an unexpected failure or pass, 2 for a file that cannot be read, 3 for no engine."""
+    """Run the cases of a file in the engines of an adapter, by the arguments of the command line.
+
+    Returns the exit code: 1 for an unexpected failure or pass, 2 for a file that cannot be read, 3
+    for no engine and for any other error.
+    """
     parser = argparse.ArgumentParser(description="Run cases in an engine.")
     add = parser.add_argument
     add("adapter", type=Path, help="file with ENGINES")

@@ -175,7 +175,8 @@ def _named(name: object) -> list[MaterialPair]:
     wanted = _plain(str(name))
     swapped = " on ".join(reversed(wanted.split(" on ")))
     found = [each for each in _known() if each.id == str(name).strip().lower()]
-    found = found or [each for each in _known() if _plain(each.name) in (wanted, swapped)]
+    if not found:
+        found = [each for each in _known() if _plain(each.name) in (wanted, swapped)]
     if not found:
         raise _unknown(str(name), wanted)
     return found

@@ -151,7 +151,9 @@ class MaterialPair(FileTable):
 
     @property
     def numbers(self) -> str:
-        """α, e or points, with the interval."""
+        """The measured numbers in words: α in s/m, one e, or the first and last e of the points;
+        with the interval where one is stated.
+        """
         if self.alpha_s_per_m is not None:
             return f"α = {self.alpha_s_per_m:.4g} s/m{_interval(self.alpha_interval_s_per_m)}"
         if self.restitution is not None:

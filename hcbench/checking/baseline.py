@@ -84,7 +84,9 @@ class Baseline(BaseModel):
 
     @model_validator(mode="after")
     def _require_something_measured(self) -> Self:
-        """Refuse a record without an e, and one whose launches no one request makes; by ValueError."""
+        """Raise ValueError for a record without any e, for a launch that it has twice, and for
+        launches that differ in more than speed, phase and angle: one request cannot make those.
+        """
         first = self.impacts[0]
         launches = [impact.launch for impact in self.impacts]
         # One request has one height and one spin.
@@ -218,7 +220,10 @@ def read_pairs(path: Path) -> Pairs:
 
     if not path.exists() or path.is_dir():
         raise UserError("points", f"{str(path)!r:.80} is not a file", "a file of pairs (v, e)")
-    table, _ = completed(tables_of(read_sheets(path)[0])[0], None)
+    # Of a workbook the first sheet counts, and its first table.
+    sheet, *_ = read_sheets(path)
+    first, *_ = tables_of(sheet)
+    table, _ = completed(first, None)
     columns = columns_of(table)
     role = "speed_in"
     if "speed" in columns.places:
@@ -250,7 +255,9 @@ def parse_points(text: str) -> Pairs:
     if is_file(text):
         return read_pairs(Path(text))
     points = []
-    unit = text.rsplit(":", 1)[-1].strip().partition(" ")[2]
+    # The unit of all speeds stands behind the last e; others may be repeated behind theirs.
+    _, _, last = text.rpartition(":")
+    _, _, unit = last.strip().partition(" ")
     for pair in text.split(","):
         speed, colon, e = pair.strip().removesuffix(unit).strip().partition(":")
         if not colon:

@@ -100,6 +100,7 @@ def _run(
             raise UserError("checks", f"no model, and no {DEFAULT_FILE} here", "a model to check")
         content = read_toml(source, UserError, "checks")
         table = table_in(content, source)
+        # A TOML file that is neither is taken for checks, whose errors say how to write some.
         if table is not None or not _is_study(content):
             checks = _listed(table, source, spec)
             return run_checks(_planned(checks, outputs, measure_only), progress)
@@ -214,8 +215,8 @@ def _write(report: Report, outputs: Outputs) -> None:
 def _measurements(report: Report) -> dict[str, Measurement]:
     """Measurement of each check by its name.
 
-    Raises UserError for the first that is a mistake, OutputError for the first that has none
-    otherwise, and UserError where no check is listed.
+    Raises an error for the first check that has no measurement: UserError where the check itself is
+    wrong, OutputError where it could not be run; UserError, too, where no check is listed.
     """
     outcomes = report.outcomes or (Outcome("anything", Verdict.MISTAKE, "no check is listed"),)
     measurements = {}

@@ -53,7 +53,9 @@ def run_check(check: Check) -> Outcome:
     run.
     """
     try:
-        return _judge_limits(check) if check.limits else judge(check, _measure(check))
+        if check.limits:
+            return _judge_limits(check)
+        return judge(check, _measure(check))
     except UserError as error:
         verdict = Verdict.MISTAKE
         message = str(error)
@@ -110,9 +112,11 @@ def _measure(check: Check) -> Measurement:
 
 
 def judge(check: Check, measurement: Measurement) -> Outcome:
-    """Hold a measurement against what the check says: e over speed, then the pair at rest.
+    """The outcome of a check: its measurement held to the target e, to a baseline, or to nothing;
+    then to the limits at rest.
 
-    Raises UserError for a baseline of another engine.
+    The verdict is on the phase with the largest error of e, at any speed. Raises UserError for a
+    baseline of another engine.
     """
     wanted = _wanted(check, measurement)
     rows = curve_of(measurement.impacts, wanted)
@@ -185,7 +189,9 @@ def _verdict(
 ) -> tuple[Verdict, str]:
     """The verdict on the bounce alone, and the sentence that says why.
 
-    rows: points of the measured curve. Impacts without an e decide first, then the worst error.
+    rows: points of the measured curve. Impacts without an e fail it, unless they ended in the same
+    way in the baseline; else the largest error of e decides. COULD_NOT_RUN where none has an e and
+    one crashed or did not end; MEASURED for a check without a target.
     """
     endless = [impact for impact in measurement.failed if impact.status in _NO_END]
     if endless and not measurement.measured:

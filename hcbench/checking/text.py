@@ -231,9 +231,9 @@ def table_in(content: dict[str, Any], path: Path) -> dict[str, Any] | None:
     content: of the file. path: of it, for errors. Raises UserError for a [tool.hcbench] that is not
     a table.
     """
-    table = (
-        content.get("tool", {}).get("hcbench") if isinstance(content.get("tool"), dict) else None
-    )
+    table = None
+    if isinstance(content.get("tool"), dict):
+        table = content["tool"].get("hcbench")
     if table is not None and not isinstance(table, dict):
         got = f"{path}: [tool] hcbench is {table!r:.60}"
         raise UserError("checks", got, "a table with [[tool.hcbench.check]] entries")
@@ -286,11 +286,12 @@ def checks_in(
 def _complete(
     entry: CheckSpec, table: CheckTable, folder: Path, baseline: Path | None
 ) -> CheckSpec:
-    """An entry with what the table says for all of them, and with paths from its folder.
+    """An entry of a file of checks, completed: keys that it lacks are those of the whole table, and
+    relative paths start at the folder.
 
     folder: of the file that lists the checks.
-    baseline: a file that takes the place of the entry's own target, unless that is limits.
-    Raises UserError for an entry without a model.
+    baseline: a file that takes the place of the entry's own target, unless that is limits
+    (`require`). Raises UserError for an entry without a model.
     """
     if not entry.models:
         raise UserError("model", "none given", "a file, or two URDF files")

@@ -151,7 +151,9 @@ def _hint(error: Exception) -> str:
 
 
 def _fail_on(error: OSError | MemoryError) -> int:
-    """An error of a file, or of too little memory, that no command expected."""
+    """Print the line of an error of a file or of too little memory that no command expected, and
+    return the exit code: 2 for a name that is too long, else 3.
+    """
     if isinstance(error, MemoryError):
         return _fail(3, "memory: not enough; expected more free memory, or a higher limit")
     name = str(error.filename or "a file")

@@ -45,7 +45,9 @@ class _Stream(io.TextIOWrapper):
 
     @contextmanager
     def _checked(self) -> Iterator[None]:
-        """Errors of writing to this stream: raised where it is required, else passed over."""
+        """Pass over errors of writing within the block, or, where the stream is required, raise
+        OutputError for them; BrokenPipeError stays as it is, for a reader that has seen enough.
+        """
         try:
             yield
         except OSError as error:
@@ -214,9 +216,10 @@ def translate_errors(command: click.Command) -> click.Command:
 
 
 def _option_of(slot: str, context: click.Context) -> str | None:
-    """The option of the command line that a slot is about; None where none was given.
+    """The option of the command line that an error's slot is about; None where the user typed none
+    that it may be about.
 
-    slot: name of an argument in an error.
+    slot: name of an argument, such as "max_error". context: of the command that runs.
     """
     given: set[str] = set()
     for parameter in context.command.params:

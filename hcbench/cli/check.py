@@ -50,11 +50,12 @@ _PAIR = click.option("--pair", help="Two bodies or geoms, first the one that mov
 def _spec(
     models: tuple[str, ...], python: str | None, options: dict[str, object], required: bool = False
 ) -> CheckSpec:
-    """The check that the options describe; the engine's worker begins to import meanwhile.
+    """The check that the options describe; the worker process of its engine is started, so that it
+    imports the engine meanwhile.
 
-    models: files as typed. python: "FILE:FUNCTION" in their place. required: whether one of the two
-    must be given. Raises UserError for both, for neither if required, and for options without
-    meaning.
+    models: files as typed. python: "FILE:FUNCTION" in their place. options: others, by the names of
+    `CheckOptions`. required: whether a model or a function must be given. Raises UserError for
+    both, for neither if required, and for options without meaning.
     """
     from hcbench.checking.spec import CheckSpec
 
@@ -121,7 +122,11 @@ def measure(
         raise UserError("--contact", "given with --trajectory", "one of the two")
     asked = plan(_spec(models, python, options, required=True))
     job = Job(
-        *(asked.source, asked.engine, asked.request, asked.wanted, TOLERANCE),
+        asked.source,
+        asked.engine,
+        asked.request,
+        asked.wanted,
+        TOLERANCE,
         diagnose=True,
         rest=RestLimits(),
         contact=contact,
@@ -302,7 +307,7 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
 
     print(f"hcbench: {renamed('pairs', 'measure, without --pair')}", file=sys.stderr)
     asked = plan(_spec(models, python, options, required=True))
-    job = Job(asked.source, asked.engine, asked.request, None, TOLERANCE, False)
+    job = Job(asked.source, asked.engine, asked.request, None, TOLERANCE, diagnose=False)
     _list_pairs(job, asked.limit, as_json, models, python)
 
 

@@ -179,8 +179,8 @@ class QuantityType(click.types.StringParamType):
     """A number with or without a unit as a float in SI, or several,
     such as "1:20 in/s", as an array.
 
-    quantity: a name in `units.QUANTITIES`. positive: whether only
-    values above 0 will do. least: SI.
+    quantity: a name in `units.QUANTITIES`. several: whether a list or a range is read, as an array.
+    positive: whether only values above 0 will do. least: the lowest value that will do, SI.
     """
 
     def __init__(
@@ -244,7 +244,9 @@ MASS = QuantityType("mass", positive=True)
 
 
 def beyond_bounds_option() -> click.Option:
-    """Read before all other options, whose values it admits."""
+    """The option --beyond-bounds. Click reads it before all others, so that it admits their values
+    whatever their size.
+    """
 
     def admit(_: click.Context, __: click.Parameter, given: bool) -> None:
         if given:
@@ -331,14 +333,24 @@ def folded(lines: list[str]) -> Iterator[str]:
         elif re.match(r"\s*<", line):
             yield from _folded_tag(line)
         else:
-            name = _NAME.match(line)
-            lead = len(line) - len(line.lstrip())
-            is_item = lead > 0 or re.match(r"- |[\w ,:.-]+: ", line) is not None
-            after = name.end() if name and name.end() <= WIDTH // 2 else lead + 2 * is_item
             yield from textwrap.wrap(
-                line, WIDTH, subsequent_indent=" " * after, break_long_words=False,
+                line, WIDTH, subsequent_indent=_indent_after(line), break_long_words=False,
                 break_on_hyphens=False, drop_whitespace=True, replace_whitespace=False,
             )  # fmt: skip
+
+
+def _indent_after(line: str) -> str:
+    """Spaces before the second and later parts of a long line of words: under the value of a
+    `name   value`, two more than before the first part of an item, else as many as there.
+    """
+    name = _NAME.match(line)
+    if name is not None and name.end() <= WIDTH // 2:
+        return " " * name.end()
+    lead = len(line) - len(line.lstrip())
+    is_item = lead > 0 or re.match(r"- |[\w ,:.-]+: ", line) is not None
+    if is_item:
+        lead += 2
+    return " " * lead
 
 
 def _folded_command(line: str) -> Iterator[str]:
@@ -379,10 +391,10 @@ def _joined(parts: list[str], line: str, by: str, room: int = 0) -> Iterator[str
 
 @contextmanager
 def status(what: str) -> Iterator[None]:
-    """While the work lasts, a line on a terminal says what it is and since when; nothing elsewhere.
+    """Show within the block, on a terminal, a line with the work and the seconds that it takes.
 
-    A thread writes it, by the system's own call: it holds no lock that a
-    fork of this process could miss.
+    what: the work, in words. Without a terminal nothing is shown. A thread writes the line, by the
+    system's own call: it holds no lock that a fork of this process could miss.
     """
     if not sys.stderr.isatty():
         yield
@@ -432,8 +444,12 @@ def progress(what: str) -> Iterator[Callable[[int, int], None]]:
         yield lambda done, total: None
         return
     columns = (
-        *(TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[count]}")),
-        *(TextColumn("{task.fields[rate]}"), TimeElapsedColumn(), TimeRemainingColumn()),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.fields[count]}"),
+        TextColumn("{task.fields[rate]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
     )
     with Progress(*columns, console=console, transient=True, speed_estimate_period=120.0) as bar:
         task = bar.add_task(what, total=None, rate="", count="")

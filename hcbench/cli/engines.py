@@ -76,7 +76,11 @@ def remove(names: tuple[str, ...]) -> None:
 
 
 def _list(recipes: bool, as_json: bool) -> None:
-    """Print the engines, those beside hcbench and those in environments of their own."""
+    """Print the engines, those beside hcbench and those in environments of their own: a line each,
+    or JSON.
+
+    recipes: whether to print the recipes of each, too.
+    """
     from hcbench import environments
     from hcbench.sim import registry
 

@@ -46,15 +46,18 @@ class _FilesAfterAgainst(Command):
         """
         ctx.meta[_TYPED] = ("fit", *args)
         spread = []
-        after = False
-        for one in args:
-            if one == "--against":
-                after = True
-            elif re.match("-.", one) or not after:
-                after = after and not re.match("-.", one)
-                spread.append(one)
-            else:
-                spread += ["--against", one]
+        is_after_against = False
+        for word in args:
+            # A "-" alone is a file: standard input.
+            is_option = re.match("-.", word) is not None
+            if word == "--against":
+                is_after_against = True
+                continue
+            if is_option:
+                is_after_against = False
+            if is_after_against:
+                spread.append("--against")
+            spread.append(word)
         return super().parse_args(ctx, spread)
 
 
@@ -197,8 +200,8 @@ def _require_together(
     timestep: float | None,
     write_scene: Path | None,
 ) -> None:
-    """Raises UserError where files or one of --engine and --timestep
-    are missing, or the kind is none.
+    """Raise UserError without files, for an unknown kind of data, and where only one of --engine and
+    --timestep is given, or neither for a scene to write.
     """
     from hcbench.fitting.read import KINDS
 
@@ -215,7 +218,8 @@ def _require_together(
 def _fit_force(
     file: Path, kind: str | None, setup: MeasurementSetup, as_json: bool, **of_bounces: object
 ) -> bool:
-    """Fit and print forces; False where the file has none.
+    """Fit a file of contact forces and print the result; return False, and print nothing, where
+    the file has none.
 
     kind: of data, in place of what the header says. of_bounces: options that apply to bounces, by
     name. Raises UserError for one of these that is given for forces, and for a file that cannot be
@@ -241,10 +245,10 @@ def _fit_force(
 def _next(
     result: FitResult, engine: str | None, scene: Replay | None, write_scene: Path | None
 ) -> list[str]:
-    """Lines to type next, after a fit.
+    """Commands to type next, after a fit.
 
-    engine: that was named; None: the first that is installed. scene: that bounces as the recording
-    did, and where it is written; None for none.
+    engine: that the user named; None: the installed one with the most recipes. scene: one that
+    bounces as the recording did, None without. write_scene: where it is written, None if nowhere.
     """
     from hcbench.fitting.next_lines import next_lines
 

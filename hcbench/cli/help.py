@@ -195,8 +195,8 @@ class Command(click.Command):
 
 
 def _write_options(ctx: click.Context, formatter: click.HelpFormatter) -> None:
-    """Write the options of a command, a section a group: each with its words where they belong, else
-    by its name.
+    """Write the options of a command, a section for each group. Those that the help of another
+    command explains have their names alone, in a section that names that command.
     """
     each = ctx.command
     groups = {**_OWN.get(each.name or "", {}), **_COMMON}

@@ -170,14 +170,16 @@ def _p(chance: float) -> str:
 
 
 def _table(drawn: RandomWorlds) -> list[str]:
-    """The model at rest as it is, and the worst of the worlds at the corners, a line each."""
+    """Lines of a table of the pair at rest: each quantity in the model as it was, and in the worst of
+    the worlds at the ends of the band of friction, in the unit that is printed.
+    """
     from hcbench.sim.rest import QUANTITIES
 
-    lines = ["                     before  worst world"]
+    lines = [f"{'':<28} {'before':<8} worst world"]
     for quantity in QUANTITIES:
         was = drawn.before.record[quantity.key] / quantity.si
         now = max(after.record[quantity.key] for after in drawn.after) / quantity.si
+        title = f"{quantity.title}, {quantity.unit}"
         if not math.isnan(was) and math.isfinite(quantity.enough):
-            lines.append(f"{quantity.title + ', ' + quantity.unit:<28} {was:<8.3g} {now:.3g}")
-    lines[0] = f"{'':<28} {'before':<8} worst world"
+            lines.append(f"{title:<28} {was:<8.3g} {now:.3g}")
     return lines

@@ -74,7 +74,11 @@ def require_none(options: dict[str, Any], expected: str = f"the study `{NAME}`")
 
 def _report_own(
     paths: tuple[Path, ...],
-    given: tuple[str | None, float | None, str | None, Path | None],
+    *,
+    size: str | None,
+    mass: float | None,
+    inertia: str | None,
+    model: Path | None,
     identify: bool,
     out: Path | None,
     jobs: int,
@@ -82,17 +86,18 @@ def _report_own(
     """Read the user's poses of a box, judge the settings by them, and write the report; return its
     folder.
 
-    paths: files of poses. given: size, mass, inertia and model of the box, as typed; the model or
-    both size and mass are needed. jobs: worker processes. Raises UserError for missing numbers and
-    for files that cannot be read.
+    paths: files of poses.
+    size, inertia: of the box, three numbers each, as typed. mass: kg. model: a file with the box in
+    place of these; without it size and mass are needed.
+    identify: whether to search the parameters of the settings on these poses. out: folder of the
+    report; None: reports/ and the name of the first file. jobs: worker processes.
+    Raises UserError for missing numbers and for files that cannot be read.
     """
     from hcbench.workers import WorkerPool
 
-    size, mass, inertia, model = given
     if model is None and (size is None or mass is None):
-        raise UserError(
-            "--size" if size is None else "--mass", "not given", "the box's, or --model"
-        )
+        missing = "--size" if size is None else "--mass"
+        raise UserError(missing, "not given", "the box's, or --model")
     with WorkerPool(jobs) as pool:
         pool.begin("importlib", "import_module", "hcbench.reality.study")
         from hcbench.reality.page import build_own
@@ -138,8 +143,16 @@ def report_reality(
         require_none(
             {"sets": sets, "data": data, "part": part is not None}, f"`{NAME}` without --poses"
         )
-        body = (size, mass, inertia, model)
-        return _report_own(poses, body, identify, out, jobs)
+        return _report_own(
+            poses,
+            size=size,
+            mass=mass,
+            inertia=inertia,
+            model=model,
+            identify=identify,
+            out=out,
+            jobs=jobs,
+        )
     require_none({"size": size, "mass": mass, "inertia": inertia, "model": model}, "--poses")
 
     with WorkerPool(jobs) as pool:

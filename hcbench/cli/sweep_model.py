@@ -56,7 +56,10 @@ def model_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def require_study(given: dict[str, Any], study: str) -> None:
-    """UserError for options of a MODEL without --vary, and for a model's file."""
+    """Raise UserError where a study is swept with options of a model, or a model without --vary.
+
+    given: options of a model, by their names. study: as typed.
+    """
     context = click.get_current_context()
     for name in given:
         if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
@@ -75,7 +78,13 @@ def sweep_a_model(
     device: str | None,
     **given: Any,
 ) -> None:
-    """Measure the rows, and print where they are and what came of them."""
+    """Measure a model under the contacts that --vary asks for, and print where the rows are, and
+    how many there are.
+
+    out: folder; None: sweeps/ and the model's name. scheduler: address of Dask's. device: has to be
+    None. given: other options of the command, by name, as `sweep_model` takes them.
+    Raises UserError for --device, and what `sweep_model` raises.
+    """
     if device is not None:
         raise UserError("--device", "given with a model", "--engine")
     with progress("opening the model"):

@@ -65,8 +65,13 @@ def tune_engine(
     as_json: bool,
     **asked: Any,
 ) -> None:
-    """Tune an engine, print the answer, and write a script with its
-    setting. asked: as `tune` takes it.
+    """Tune an engine, print the answer, and write a script with its setting.
+
+    alpha: α and its standard uncertainty, s/m. kind: of the answer that --plugin, --settings or
+    --constant ask for. scene: its name or folder. max_error: limit of the error of e, None for the
+    default. asked: other arguments of `tuning.ask.tune`.
+    Raises LimitPassed where the answer is not as asked, click.Abort where the search is
+    interrupted, and what `tune` raises.
     """
     from hcbench.recipes.recipe import SearchInterrupted
     from hcbench.sim import registry
@@ -77,6 +82,7 @@ def tune_engine(
 
     if len(pair) > 1:
         raise UserError("--pair", f"given {len(pair)} times", "one pair of names for an engine")
+    limit = MAX_ERROR if max_error is None else max_error
     try:
         with progress("tuning") as report:
             answer = tune(
@@ -85,7 +91,7 @@ def tune_engine(
                 alpha=None if alpha is None else alpha[0],
                 kind=kind,
                 scene=scene,
-                max_error=MAX_ERROR if max_error is None else max_error,
+                max_error=limit,
                 progress=report,
                 **asked,
             )
@@ -108,7 +114,7 @@ def tune_engine(
     else:
         _print(answer, margin, gate)
         show(f"\nnext:\n  {_next_line(answer, write_scene, asked['material'])}")
-    _require(answer, MAX_ERROR if max_error is None else max_error, gate)
+    _require(answer, limit, gate)
 
 
 def _next_line(answer: Answer, script: Path | None, material: str | None) -> str:
@@ -193,7 +199,8 @@ def _margin(target: Target, alpha: tuple[float, float] | None) -> float:
     if alpha is None or target.reading == "points":
         return 0.0
     band = np.linspace(target.speed_min, target.speed_max, 13)
-    return Restitution(alpha[0], target.reading, alpha[1]).margin(band)
+    value, uncertainty = alpha
+    return Restitution(value, target.reading, uncertainty).margin(band)
 
 
 def _print(answer: Answer, margin: float, gate: Passivity | None) -> None:
@@ -273,20 +280,24 @@ def _rows(best: Choice, target: Target) -> dict[str, str]:
     has_loop = not math.isnan(result.loop_rms) and target.reading == "law"
     launches = f"{result.launches} launches at random and about the worst"
     steps = f"{result.steps_min} ... {result.steps_max} of {time_step(target.timestep)} s"
-    loop = f"{_percent(result.loop_rms)} of the largest force from the law's (rms)"
-    return {
+    rows = {
         "largest error of e": f"{error}, {_conditions(tuned)}, {launches}",
         "mean error of e": _bias(result),
         "largest e": f"{best.max_e:.4f} there, below and above, {best.energy}",
-        **({"friction": _friction(result, target)} if target.friction else {}),
+    }
+    if target.friction:
+        rows["friction"] = _friction(result, target)
+    rows |= {
         "best constant e": f"{result.constant:.6g}, wrong by at most {result.constant_error:.2g}",
         "steps in contact": steps,
         "largest penetration": f"{result.penetration_max:.3g} m",
         "largest force": f"{result.force_max:.4g} N",
-        **({"force loop": loop} if has_loop else {}),
-        "rests under gravity": _rest(tuned),
-        **_slope(tuned),
     }
+    if has_loop:
+        loop = f"{_percent(result.loop_rms)} of the largest force from the law's (rms)"
+        rows["force loop"] = loop
+    rows["rests under gravity"] = _rest(tuned)
+    return rows | _slope(tuned)
 
 
 def _bias(result: Evaluation) -> str:

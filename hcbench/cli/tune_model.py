@@ -31,7 +31,13 @@ def tune_model(
     as_json: bool,
     **given: Any,
 ) -> None:
-    """Tune pairs of a model, print the lines and how wrong they are, and write the model with them."""
+    """Tune pairs of a model, print the lines and how wrong they are, and write the model with them.
+
+    models: files, or FILE.py:FUNCTION. alpha: α and its standard uncertainty, s/m. max_error: limit
+    of the error of e, None for the default. strict: whether a worse rest is an error. write_model,
+    write_include: files to write. given: other options of the command, by name.
+    Raises LimitPassed where no setting helps or one is beyond a limit, after all is printed.
+    """
     from hcbench.tuning import ask
     from hcbench.tuning.answer import MAX_ERROR
 
@@ -58,9 +64,8 @@ def tune_model(
         _print(tuned, limit)
         _show_files(tuned, files)
         if tuned.gains:
-            show(
-                f"\nnext:\n  {_next_line(tuned, limit, _tested(tuned, written, models), value, given)}"
-            )
+            tested = _tested(tuned, written, models)
+            show(f"\nnext:\n  {_next_line(tuned, limit, tested, value, given)}")
     if landing is not None and (landing.worse or landing.rebound is not None):
         if tuned.gains:
             return
@@ -124,12 +129,11 @@ def _next_line(
         asked = [f'--alpha "{alpha:.10g} s/m"']
     elif given["material"] is not None:
         asked = [f"--material {quote(given['material'])}"]
-    words = [
-        model,
-        f"--pair {quote(given['pair'][0] if given['pair'] else joined_names(pair.facts.pair))}",
-        *asked,
-        f'--speeds "{low:.3g}:{high:.3g}:5 m/s"',
-    ]
+    names = joined_names(pair.facts.pair)
+    if given["pair"]:
+        # As the user typed it.
+        names = given["pair"][0]
+    words = [model, f"--pair {quote(names)}", *asked, f'--speeds "{low:.3g}:{high:.3g}:5 m/s"']
     # A limit that is the setting's own error would be a gate that cannot fail.
     if tuned.max_error > limit:
         return " ".join(["hcbench measure", *words])
@@ -396,11 +400,13 @@ def _number(value: float) -> str:
 
 
 def landing_sentences(change: LandingChange) -> list[str]:
-    """Sentences on a landing: what it was, what is worse, and what would help."""
+    """Sentences on a landing before and after: which drops it was, what is worse, and what would
+    help; lengths in mm.
+    """
     from hcbench.sim.landing import DROPS
 
     before = change.before
-    sentences = [f"The worst of 24 drops: {_DROPS}."]
+    sentences = [f"The worst of {len(DROPS)} drops: {_DROPS}."]
     if before.falls:
         sentences = ["The robot falls over by itself: hcbench compares the first second only."]
     elif 0 < before.settled < len(DROPS):
@@ -441,7 +447,9 @@ def landing_sentences(change: LandingChange) -> list[str]:
 
 
 def _stiffer(change: LandingChange) -> list[str]:
-    """A sentence on the gains of the servos that the target would take."""
+    """A sentence on whether servos with larger gains reach the rebound that is asked for; none
+    where no other gains were tried. change: with a rebound and the `reach` of settings.
+    """
     assert change.reach is not None
     assert change.rebound is not None
     if not change.reach.stiffer:
@@ -477,7 +485,9 @@ def landing_record(change: LandingChange | None) -> dict[str, Any] | None:
 
 
 def landing_error(tuned: TunedModel, change: LandingChange) -> LimitPassed:
-    """The error where the robot lands worse, or has not the rebound."""
+    """The error for a setting that was not written: with it the robot lands worse, or has not the
+    rebound that was asked for.
+    """
     slot = "landing" if change.rebound is None else "rebound"
     expected = "no worse landing"
     if change.rebound is not None:

@@ -61,10 +61,13 @@ _START = (0.99793785, 1.24335334, -0.36192314, -1.11520903, 0.73747348)
 
 
 def _series(d: Floats, top: float) -> Floats:
-    """S for one chunk of 0 <= d <= top, which is LOW or TOP, by Clenshaw's recurrence; d stays as it
-    is.
+    """S of e = (1 + t S)/(1 + d), t = d/(5 + d), at numbers 0 <= d <= top; shape (n,), as d.
+
+    d = (3/2) α v_i is left as it is, and its range is not checked. top: LOW or TOP, the end of the
+    range that a Chebyshev series is for. The sum is Clenshaw's recurrence.
     """
     series = LOW_SERIES if top == LOW else SERIES
+    # Twice the argument of the Chebyshev polynomials: -2 at d = 0, 2 at d = top.
     x2 = d / (SHIFT + d)
     x2 *= 4.0 * (SHIFT + top) / top
     x2 -= 2.0
@@ -87,10 +90,10 @@ def _series(d: Floats, top: float) -> Floats:
 def _in_chunks(
     near: Callable[[Floats, float], Floats], far: Callable[[Floats], Floats], d: Floats
 ) -> Floats:
-    """Evaluate a function of d piece by piece, same shape as d, with the branch that each d needs.
+    """Evaluate a function of d = (3/2) α v_i >= 0 in pieces of _CHUNK numbers; same shape as d.
 
-    near: the series up to a largest d, LOW or TOP.
-    far: the function beyond TOP.
+    near: (d, top) to values for d up to `top`, which is LOW or TOP: a series of its own for each.
+    far: d to values beyond TOP. Each d gets the values of its own range.
     """
     flat = np.ascontiguousarray(d).reshape(-1)
     out = np.empty_like(flat)
@@ -135,16 +138,18 @@ def restitution_of(d: Floats) -> Floats:
 
 
 def restitution_of_one(d: float) -> float:
-    """e of one number, 0 <= d <= TOP, as a float: without arrays a hundred times as fast.
+    """e of one number d = (3/2) α v_i, 0 <= d <= TOP: without arrays a hundred times as fast.
 
-    The range is not checked. The sum is Clenshaw's recurrence over the Chebyshev series S.
+    The range is not checked. e = (1 + t S)/(1 + d) with t = d/(5 + d), as in `_series`: S is the
+    sum of Clenshaw's recurrence.
     """
     top, series = (LOW, LOW_SERIES) if d <= LOW else (TOP, SERIES)
     x2 = 4.0 * (SHIFT + top) / top * d / (SHIFT + d) - 2.0
     b1 = b2 = 0.0
     for coefficient in series[:0:-1]:
         b1, b2 = x2 * b1 - b2 + coefficient, b1
-    return (1.0 + d / (SHIFT + d) * (0.5 * x2 * b1 - b2 + series[0])) / (1.0 + d)
+    s = 0.5 * x2 * b1 - b2 + series[0]
+    return (1.0 + d / (SHIFT + d) * s) / (1.0 + d)
 
 
 def one_minus_restitution(d: Floats) -> Floats:
@@ -153,9 +158,10 @@ def one_minus_restitution(d: Floats) -> Floats:
 
 
 def inverse_restitution(e: Floats) -> Floats:
-    """d over 0 < e <= 1, same shape: Newton's method on whichever of e and 1 - e has the digits.
+    """d = (3/2) α v_i of restitutions 0 < e <= 1, same shape, by Newton's method.
 
-    The range is not checked: callers do. Beyond TOP e is 1/d, so that d is 1/e.
+    The error is taken of e below 0.5 and of 1 - e above, which has more digits there. The range is
+    not checked: callers do. Where d is above TOP, e is 1/d, and d is 1/e.
     """
     shortfall = 1.0 - e
     start = np.polynomial.polynomial.polyval(e, _START)

@@ -16,7 +16,7 @@ refuses speeds below 0 (and 0, where a motion over time is asked) and a mass tha
 from __future__ import annotations
 
 from functools import lru_cache
-from math import gamma
+from math import ceil, gamma
 from typing import Literal
 
 import numpy as np
@@ -45,6 +45,8 @@ def gauss_jacobi(count: int, a: float, b: float) -> tuple[Floats, Floats]:
 
     Both have the shape (count,); the nodes rise. a and b have to be above -1, which is not checked.
     """
+    # Golub and Welsch (1969): the nodes are the eigenvalues of the symmetric matrix of the
+    # recurrence of the Jacobi polynomials, `middle` its diagonal and `beside` next to it.
     k = np.arange(count, dtype=np.float64)
     total = 2.0 * k + a + b
     # The first row is 0/0 where a + b is 0 or -1; the next lines replace it.
@@ -104,10 +106,10 @@ def g_ratio(y: Floats) -> Floats:
 
 
 def rate_ratio(q: Floats) -> Floats:
-    """y/q over any q, same shape; 1 at 0. The inverse of q = ±sqrt(2 g(y)) with g(y) = y - ln(1 +
-    y).
+    """y/q over any q, same shape, pure numbers; 1 at 0, NaN stays NaN.
 
-    Newton's method for q above _SERIES_FROM, `_low_rate` below. NaN stays NaN.
+    y is the inverse of q = ±sqrt(2 g(y)), g(y) = y - ln(1 + y), with the sign of q. Newton's method
+    for q above _SERIES_FROM; below, y is near -1, and `_low_rate` finds it.
     """
     near = np.maximum(q, _SERIES_FROM)
     p = near * near / 2.0
@@ -129,23 +131,24 @@ def rate_ratio(q: Floats) -> Floats:
 
 
 def _low_rate(q: Floats) -> Floats:
-    """y for q <= -2, where q = -sqrt(2 g(y)); same shape.
+    """y, between -1 and 0, for q <= -2, where q = -sqrt(2 g(y)) with g(y) = y - ln(1 + y); same
+    shape, pure numbers.
 
     With 1 + y = exp(-ℓ), q²/2 = g(y) is ℓ + exp(-ℓ) = 1 + q²/2: Newton's method, from ℓ = 1 + q²/2.
     """
     wanted = 1.0 + q * q / 2.0
     ell = wanted
+    # From q = -2 on, four steps reach the last digit.
     for _ in range(4):
         ell = ell - (ell + np.exp(-ell) - wanted) / -np.expm1(-ell)
     return np.expm1(-ell)
 
 
 def largest_force_rate(d: Floats, exponent: float) -> Floats:
-    """y/d² where F is largest on the path that starts at y = d; same shape, (n + 1)/(2n) at d = 0.
+    """Y = y/d² at the largest force of an impact, y = (3/2) α v of the rate v there; shape of d.
 
-    d: (3/2) α v_i, 0 or more.
-    exponent: n.
-    It is the root Y of n Y + (n + 1) g(d² Y)/d² = (n + 1) g(d)/d², with g(y) = y - ln(1 + y):
+    d: (3/2) α v_i, 0 or more. exponent: n. Pure numbers; (n + 1)/(2n) at d = 0.
+    It is the root of n Y + (n + 1) g(d² Y)/d² = (n + 1) g(d)/d², with g(y) = y - ln(1 + y):
     convex, so Newton's method comes down from above.
     """
     n = exponent
@@ -188,10 +191,10 @@ def _refuse(
 
 
 def _quadrature_width(law: HuntCrossley, speed: Floats) -> Floats:
-    """Q = d sqrt(G) with d = (3/2) α v_i, same shape as `speed` (m/s): the q of the path at the
-    touch.
+    """q = sqrt(2 g(y)) at the touch, where y = d = (3/2) α v_i; over the impact runs from it to its
+    negative. The larger, the more nodes a quadrature over the impact needs.
 
-    Raises UserError for an α v that is not up to MOST_ALPHA_SPEED.
+    speed: v_i, m/s; the result has its shape. Raises UserError for an α v above MOST_ALPHA_SPEED.
     """
     share = law.alpha * speed
     expected = f"up to {MOST_ALPHA_SPEED:g}, beyond which nothing bounces"
@@ -286,16 +289,21 @@ def rate_at(
     Raises UserError for a mass that is not above 0 and for a speed below 0.
     """
     x = np.asarray(penetration, dtype=np.float64)
-    left = 1.0 - (x / penetration_max(law, mass, speed)) ** (law.exponent + 1.0)
-    cosine = np.sqrt(np.where((x >= 0) & (left >= 0), left, np.nan))
-    rate, _ = _rate(law, speed, cosine if branch == "approach" else -cosine)
+    # x = x_m sin(θ)^(2/(n+1)) along the path, from θ = 0 at the touch to π at the parting.
+    squared_cosine = 1.0 - (x / penetration_max(law, mass, speed)) ** (law.exponent + 1.0)
+    is_reached = (x >= 0) & (squared_cosine >= 0)
+    cosine = np.sqrt(np.where(is_reached, squared_cosine, np.nan))
+    if branch == "rebound":
+        cosine = -cosine
+    rate, _ = _rate(law, speed, cosine)
     return rate
 
 
 def _rate(law: HuntCrossley, speed: float, cosine: Floats) -> tuple[Floats, Floats]:
-    """v, m/s, and 1 + a v along the path of one impact, in the shape of `cosine`.
+    """v, m/s, and the force over its elastic part, 1 + a v with a = (3/2) α, along the path of one
+    impact; both in the shape of `cosine`.
 
-    The path is q = Q cos θ with Q = d sqrt(G): v = v_i sqrt(G) cos θ y/q.
+    The path is q = Q cos θ with Q = d sqrt(G), d = a v_i: v = v_i sqrt(G) cos θ y/q.
 
     speed: v_i, m/s.
     cosine: cos θ, 1 at the touch and -1 at the parting.
@@ -389,7 +397,8 @@ def _elapsed(law: HuntCrossley, speed: float, count: int) -> Floats:
     """
     p = (law.exponent - 1.0) / (law.exponent + 1.0)
     width = float(_quadrature_width(law, np.asarray(speed)))
-    finer = -int(-(16.0 + 8.0 * width) // (count - 1))
+    # Panels between two of the θ asked for: 16 or more in all, and more where q/y is steep.
+    finer = ceil((16.0 + 8.0 * width) / (count - 1))
     edges = np.linspace(0.0, np.pi, finer * (count - 1) + 1)
     half = edges[1] / 2.0
     nodes, weights = gauss_jacobi(_PANEL_NODES, 0.0, 0.0)
@@ -397,6 +406,7 @@ def _elapsed(law: HuntCrossley, speed: float, count: int) -> Floats:
     panels = (half * weights * np.sin(theta) ** -p / rate_ratio(width * np.cos(theta))).sum(axis=1)
     nodes, weights = gauss_jacobi(_PANEL_NODES, 0.0, -p)
     theta = half * (1.0 + nodes)
+    # θ^-p is in the weights: what is left of sin(θ)^-p is smooth. θ counts from each end.
     regular = half ** (1.0 - p) * weights * (theta / np.sin(theta)) ** p
     for panel, sign in ((0, 1.0), (-1, -1.0)):
         panels[panel] = (regular / rate_ratio(sign * width * np.cos(theta))).sum()

@@ -181,7 +181,7 @@ class OneContact:
 
     alpha: α, s/m.
     speed: where a restitution should hold, m/s, or None.
-    reading: whether that is e of (16) or 1 - α v.
+    reading: "law" if that restitution is e of (16), "linear" if it is 1 - α v.
     contact_time: of a spring and damper, s.
     timestep: of a bounce in one step, s; None: not known.
     """
@@ -194,12 +194,14 @@ class OneContact:
 
     @property
     def restitution(self) -> float | None:
-        """e for engines that know one, above 0; None where no speed
-        is given, or none has such an e.
+        """e at `speed`, above 0, for engines that take one constant e; None where no speed is
+        given, and where 1 - α v is 0 or less, which no engine takes.
         """
         if self.speed is None:
             return None
-        e = 1.0 - self.alpha * self.speed if self.reading == "linear" else self.curve_at_speed
+        e = self.curve_at_speed
+        if self.reading == "linear":
+            e = 1.0 - self.alpha * self.speed
         return e if e > 0.0 else None
 
     @property
@@ -334,10 +336,11 @@ def contact_of(
 
 
 def said(contact: OneContact, engines: Iterable[Vocabulary | None]) -> Conversion:
-    """A contact in the paper's words, in those of libraries without an engine here, and of
-    `engines`.
+    """The contact in all conventions: the paper's, those of libraries that hcbench does not run, and
+    those of engines.
 
-    engines: the contact as each engine writes it; None for an engine that has no words for it.
+    engines: the rows, caveats and missing values of each engine; None for an engine that has no
+    parameters for such a contact.
     Restitutions and solref are in `missing` of the result where the contact has no speed, or no e
     above 0 there.
     """
@@ -420,8 +423,8 @@ def _restitution_of_solref(solref: tuple[float, float], timestep: float | None) 
 
 
 def _others(contact: OneContact) -> Iterator[SystemValue]:
-    """Values for the paper, and for libraries that hcbench does not run; those without e alone if
-    it has none.
+    """Rows for the paper, and for libraries that hcbench does not run. A contact without an e, see
+    `OneContact.restitution`, has only those rows that α alone decides.
     """
     alpha = contact.alpha
     e = contact.restitution

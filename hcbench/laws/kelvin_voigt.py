@@ -54,9 +54,10 @@ def restitution(zeta: Floats | float, ending: Ending) -> Floats:
 
 
 def damping_ratio_for(e: float, ending: Ending) -> float:
-    """ζ that gives the restitution e, 0 < e <= 1: the inverse of `restitution`.
+    """Damping ratio ζ that gives the restitution e, 0 < e <= 1: the inverse of `restitution`.
 
-    ending: condition that ends the contact; under FORCE ζ has no closed form.
+    ending: condition that ends the contact: x = 0 (SURFACE), or F = 0 (FORCE), for which ζ has no
+    closed form and is searched for.
     Raises UserError for another e: no damping, however large, gives e = 0.
     """
     within(
@@ -86,6 +87,7 @@ def matched(e: float, duration: float, mass: float, ending: Ending) -> KelvinVoi
     positive("duration", duration, "s")
     positive("mass", mass, "kg")
     zeta = damping_ratio_for(e, ending)
+    # ω t at the end of the contact, over t.
     omega = _end(zeta, ending) / duration
     return KelvinVoigt(stiffness=mass * omega**2, damping=2.0 * zeta * mass * omega)
 
@@ -122,16 +124,22 @@ def bounce(law: KelvinVoigt, mass: float, speed: float, ending: Ending) -> Kelvi
     positive("speed", speed, "m/s")
     zeta = damping_ratio(law, mass)
     omega = np.sqrt(law.stiffness / mass)
+    # m ω v_i and c v_i, both forces, N.
     impulse = mass * omega * speed
     shock = law.damping * speed
     e = float(restitution(zeta, ending))
     swing = _end(zeta, ending)
     beta = float(np.arcsin(min(zeta, 1.0)))
-    push = impulse * float(np.exp(-np.tan(beta) * (np.pi / 2 - 3 * beta))) if zeta < 0.5 else shock
-    left = float(state(law, mass, speed, swing / omega)[0]) if ending is Ending.FORCE else 0.0
+    push = shock
+    if zeta < 0.5:
+        push = impulse * float(np.exp(-np.tan(beta) * (np.pi / 2 - 3 * beta)))
+    left = 0.0
     if ending is Ending.FORCE:
+        at_the_end, _ = state(law, mass, speed, swing / omega)
+        left = float(at_the_end)
         pull = 0.0
     elif zeta < 0.5:
+        # Still rising in size at x = 0, where the damper alone pulls.
         pull = shock * e
     else:
         pull = impulse * float(np.exp(-3.0 * zeta * _g(np.asarray(zeta))))

@@ -89,6 +89,7 @@ def impact(
     deepest = float(xi.max())
     if at_turn.size:
         deepest = float(path.sol(at_turn[0])[0])
+    # Unless a parting was found, the body turned back in contact, or stayed for LONGEST.
     status = Status.RESTED
     reason = "lost too much energy in contact to part"
     speed_out = 0.0

@@ -64,9 +64,10 @@ class PublishedLaw:
         """
         values = np.asarray(e, dtype=float)
         slot = f"restitution of {self.name}"
-        for value in values[~((values >= 0.0) & (values <= 1.0))].flat[:1]:
+        wrong = values[~((values >= 0.0) & (values <= 1.0))]
+        if wrong.size:
             need = "0 <= e <= 1: above 1 χ is below 0 and the contact would feed energy in"
-            require(slot, float(value), False, need)
+            require(slot, float(wrong.flat[0]), False, need)
         if not self.takes_zero:
             need = f"e above 0: χ = {self.formula} is infinite at e = 0"
             require(slot, 0.0, not (values == 0.0).any(), need, "Take a small e, such as 0.01")

@@ -19,8 +19,8 @@ def root(
     absolute: float,
     relative: float = 2.0**-50,
 ) -> float:
-    """x between `low` and `high`, where `function` has unlike signs, within `absolute` + `relative`
-    |x|.
+    """x where `function` is 0, to within `absolute` + `relative` |x|; between `low` and `high`, at
+    which it has to have unlike signs.
 
     R. P. Brent, "Algorithms for Minimization without Derivatives", 1973, chapter 4: a secant or an
     inverse parabola where it falls well within the bracket, else its middle. The same bits as

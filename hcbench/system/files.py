@@ -45,13 +45,14 @@ def user_folder(kind: Literal["cache", "data"]) -> Path:
     It is the folder "hcbench" in $HCBENCH_CACHE or $HCBENCH_DATA, else in $XDG_CACHE_HOME or
     $XDG_DATA_HOME, else where the system has such files.
     """
-    base = os.environ.get(f"HCBENCH_{kind.upper()}") or os.environ.get(f"XDG_{kind.upper()}_HOME")
-    if not base and sys.platform == "darwin":
+    named = os.environ.get(f"HCBENCH_{kind.upper()}") or os.environ.get(f"XDG_{kind.upper()}_HOME")
+    if named:
+        base = Path(named)
+    elif sys.platform == "darwin":
         base = Path.home() / "Library" / {"cache": "Caches", "data": "Application Support"}[kind]
-    folder = (
-        Path(base or Path.home() / {"cache": ".cache", "data": ".local/share"}[kind]) / "hcbench"
-    )
-    return folder.absolute()
+    else:
+        base = Path.home() / {"cache": ".cache", "data": ".local/share"}[kind]
+    return (base / "hcbench").absolute()
 
 
 def json_text(content: Any) -> str:
@@ -235,10 +236,9 @@ def _open_stream(path: Path) -> BinaryIO | None:
     except FileNotFoundError:
         return None
     # /dev/stdout may lead to a file: replacing that file would cut the shell off from it.
-    for descriptor in (1, 2):
-        with suppress(OSError):
-            if os.path.samestat(os.fstat(descriptor), status):
-                return os.fdopen(descriptor, "wb", closefd=False)
+    descriptor = standard_stream(status)
+    if descriptor is not None:
+        return os.fdopen(descriptor, "wb", closefd=False)
     if stat.S_ISCHR(status.st_mode) or stat.S_ISFIFO(status.st_mode):
         return path.open("wb")
     if stat.S_ISDIR(status.st_mode):
@@ -255,6 +255,20 @@ def _pieces(content: bytes | Iterable[bytes]) -> Iterable[bytes]:
     if isinstance(content, bytes):
         return [content]
     return content
+
+
+def standard_stream(status: os.stat_result) -> int | None:
+    """Descriptor of the standard stream that the shell sends to a file: 1 for output, 2 for errors;
+    None for neither.
+
+    status: of the file.
+    """
+    for descriptor in (1, 2):
+        # The stream may be closed.
+        with suppress(OSError):
+            if os.path.samestat(os.fstat(descriptor), status):
+                return descriptor
+    return None
 
 
 def replace_file(path: Path, content: bytes | Iterable[bytes], sync: bool = False) -> None:
@@ -367,30 +381,35 @@ def scratch_folder(folder: Path, alone: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def _locked(folder: Path, wait: bool = True) -> Iterator[None]:
-    """While no other process has the folder; on Windows, always.
+    """Hold the lock of a folder within the block; on Windows, which has no such locks, do nothing.
 
-    wait: until the other process ends; else OSError where one has it, and where the folder is a
-    link.
+    wait: wait until the process that has the lock ends. Else OSError is raised where another one
+    has it, and where the folder is a link, which another user may have put there.
     """
     try:
         import fcntl
     except ImportError:
         yield
         return
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW * (not wait))
+    opening = os.O_RDONLY | os.O_DIRECTORY
+    locking = fcntl.LOCK_EX
+    if not wait:
+        opening |= os.O_NOFOLLOW
+        locking |= fcntl.LOCK_NB
+    descriptor = os.open(folder, opening)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB * (not wait))
+        fcntl.flock(descriptor, locking)
         yield
     finally:
         os.close(descriptor)
 
 
 def _move_all(scratch: Path, folder: Path) -> None:
-    """Move all files of a scratch folder into `folder`. Files that an earlier block wrote there, and
-    this one did not, are deleted, unless they were modified since.
+    """Move all files of a scratch folder into `folder`, and delete those that an earlier block of
+    `atomic_folder` wrote there and this one did not, unless they were modified since.
 
-    Raises UserError, and moves nothing, where a file that is not of an earlier block is in the way;
-    OSError where a file cannot be moved.
+    Raises UserError, and moves nothing, where a file that no block wrote is in the way; OSError
+    where a file cannot be moved.
     """
     earlier = _read_manifest(folder)
     # An atomic_folder within this one leaves its own manifest.
@@ -420,8 +439,8 @@ def _is_behind_link(folder: Path, name: str) -> bool:
 
 
 def _require_ours(folder: Path, names: Iterable[str], earlier: Mapping[str, str]) -> None:
-    """Raise UserError where writing a file would replace what an earlier block did not write, or
-    would go through a link out of the folder.
+    """Raise UserError where writing a file would replace one that no earlier block of
+    `atomic_folder` wrote, or would go through a link out of the folder.
 
     names: of files to write, relative to the folder. earlier: digests of what was written, by name.
     """
@@ -484,5 +503,5 @@ def deferred_signals() -> Iterator[None]:
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-    for number in pending[:1]:
-        signal.raise_signal(number)
+    if pending:
+        signal.raise_signal(pending[0])

@@ -20,7 +20,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from hcbench.system.errors import OutputError, UserError
-from hcbench.system.files import read_bytes, write_bytes
+from hcbench.system.files import read_bytes, standard_stream, write_bytes
 from hcbench.system.text import sanitized
 
 # Bytes at the end of a file that are searched for the mark: what follows it is shorter.
@@ -112,10 +112,11 @@ def _existing(value: object) -> Iterator[Path]:
 
 
 def _require_output(path: Path, option: str, inputs: Iterable[Path], force: bool) -> None:
-    """Refuse an output that is a folder or in none, that is an input, or that would replace a file
-    which the option did not write: UserError. OutputError for a missing permission.
+    """Raise UserError for an output that is a folder or in none, that is an input, or that would
+    replace a file which the option did not write; OutputError for a missing permission.
 
-    option: the one that names it. inputs: files and folders that exist, see `_all_inputs`.
+    path: of the output. option: the one that names it. inputs: files and folders that exist; files
+    that their texts name in quotes are inputs, too.
     force: a file of another option may be replaced.
     """
     shown = sanitized(path)
@@ -157,10 +158,8 @@ def _is_standard_stream(path: Path) -> bool:
     """Say whether the shell sends standard output or error to this file; it is then written
     through, like a device.
     """
-    for descriptor in (1, 2):
-        with suppress(OSError):
-            if os.path.samestat(os.fstat(descriptor), path.stat()):
-                return True
+    with suppress(OSError):
+        return standard_stream(path.stat()) is not None
     return False
 
 
@@ -285,7 +284,12 @@ def _is_json(content: bytes) -> bool:
 
 
 def _frame(content: bytes, option: str, digest: bytes) -> bytes:
-    """The mark as a file of this form takes it. content: of the file, marked or not."""
+    """The mark in the form that a file takes: a chunk of a PNG, the comment of a ZIP archive, a last
+    key of JSON, else a line of comment.
+
+    content: of the file, marked or not, by whose beginning its form is known. option: the one that
+    writes the file. digest: of all else in it, in hexadecimal.
+    """
     mark = _mark(option, digest)
     if content.startswith(_PNG):
         chunk = b"tEXtComment\0" + mark

@@ -55,8 +55,8 @@ def shown(value: object) -> str:
 
 
 def table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Lines of a table, cells at the right of their columns, two spaces between columns;
-    one, where the lines would be longer than COLUMNS.
+    """Lines of a table, cells at the right of their columns, two spaces between columns, or one
+    where the lines would be longer than COLUMNS characters.
 
     rows: of as many cells as the header.
     """

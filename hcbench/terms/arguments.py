@@ -361,8 +361,12 @@ def _words(hint: Any) -> str:
         # None says the same as an argument that is left out.
         given = [part for part in parts if part is not type(None)]
         known = _WORDS.get(functools.reduce(operator.or_, given))
+        if known:
+            return known
         *others, last = map(_words, given)
-        return known or (f"{', '.join(others)} or {last}" if others else last)
+        if not others:
+            return last
+        return f"{', '.join(others)} or {last}"
     if origin is Annotated:
         return f"{_words(parts[0])}, {parts[1].least} or more"
     if origin is Literal:

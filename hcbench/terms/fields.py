@@ -79,7 +79,7 @@ class InUnits:
     """Marks a field as a quantity: a number (SI) or text with a unit, read as SI.
 
     quantity: a name in `units.QUANTITIES`.
-    several: a tuple of them, each once, in their order.
+    several: whether the field is a list or range of them, read as a tuple without repeats.
     least, above: the lowest value that may be, and one that all must exceed, SI.
     """
 

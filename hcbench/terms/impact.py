@@ -98,7 +98,8 @@ class Launch:
         """Drop a body so that it touches at `speed`, m/s, in a step's `phase`.
 
         It starts at rest, or with less than one step's gain in speed; without gravity it is
-        launched at its speed. Arguments are those of `touching`, which raises QuantityError.
+        launched at its speed. timestep: s. gravity: into the plate, m/s². share: see `touching`.
+        Raises QuantityError for numbers that `Launch` refuses.
         """
         return cls.touching(speed, phase, timestep, gravity, steps_most=math.inf, share=share)
 
@@ -121,10 +122,11 @@ class Launch:
         `steps_most` whole steps and the phase, or fewer, so that the body is never thrown upwards;
         if no whole step fits, it falls from rest, at the phase that results.
 
-        timestep: s. gravity: into the plate, m/s²; 0 gives a plain `Launch`.
-        slip, spin: at release, as of `Launch`.
-        share: of g h, see `SpeedReading`: steps h keep (v + share g h)² + 2 g z.
-        Raises QuantityError as `Launch`.
+        timestep: h, s. gravity: g into the plate, m/s²; 0 gives a plain `Launch`.
+        slip, spin: at release, m/s and rad/s, in the directions of `Launch`.
+        share: by how much of g h the engine's steps differ from exact flight. They conserve
+            (v + share g h)² + 2 g z, z the height, m: 0.5 for semi-implicit Euler, 0 for RK4.
+        Raises QuantityError for numbers that `Launch` refuses.
         """
         if gravity <= 0.0:
             return cls(speed=speed, phase=phase, height=None, slip=slip, spin=spin)
@@ -200,8 +202,10 @@ class Launch:
         )
 
     def clearance_in_phase(self, timestep: float, gravity: float) -> float:
-        """`clearance`, m, with a height changed by up to half a step's way, so that the touch falls
-        into its phase; at the middle phase the height is as given.
+        """Distance to the plate at release, m, so that the touch falls into the phase of a step.
+
+        A height that was given is changed by up to half of the way of one step; at phase 0.5, and
+        where no height was given, the distance is `clearance`.
 
         timestep: s. gravity: into the plate, m/s².
         """

@@ -82,10 +82,13 @@ def call(
 
 
 def begin(module: str, function: str, *args: Any) -> None:
-    """Start the worker process that `call` will use, and let it call a function of a module first.
+    """Start the worker process that `call` will use, and let it call a function of a module first;
+    in a worker process already, do nothing.
 
-    For what takes a worker a while, such as to import an engine, and this
-    process has other work meanwhile. Nothing is waited for; what the function raises is dropped.
+    It is for work that takes a worker a while, such as the import of an engine, while this process
+    goes on. Nothing is waited for; what the function raises is dropped.
+
+    module, function: their names. args: of the function; they have to be picklable.
     """
     if not in_worker():
         worker_of_thread().begin(module, function, *args)
@@ -115,9 +118,9 @@ def map_surviving_crashes(
 
     function: `function(jobs, *args)` yields one result for each job, in order.
     lost: makes the result of a job that the worker died on, from the job and the reason.
-    limit: s of processor time for each job. together: how many jobs `function` has under way at a
-    time;
-        those that a crash interrupted are run one by one, to find the one that causes it.
+    limit: s of processor time for each job.
+    together: how many jobs `function` has under way at a time; those that a crash interrupted are
+        run one by one, to find the one that causes it.
     give_up: crashes in a row, with no result in between, after which no other job is tried.
     at: as for `call`.
 

@@ -37,14 +37,12 @@ def processor_seconds(number: int) -> float:
     number: of the process.
     """
     try:
-        # proc(5): the name in brackets may hold spaces. utime, stime, cutime and cstime are fields
-        # 14 to 17, in ticks.
-        fields = (
-            Path(f"/proc/{number}/stat")
-            .read_text(encoding="ascii", errors="replace")
-            .rpartition(")")[2]
-        )
-        return sum(map(int, fields.split()[11:15])) / os.sysconf("SC_CLK_TCK")
+        content = Path(f"/proc/{number}/stat").read_text(encoding="ascii", errors="replace")
+        # proc(5): field 2 is the name, in brackets, and may hold spaces. utime, stime, cutime and
+        # cstime are fields 14 to 17, in ticks.
+        _, _, from_field_3 = content.rpartition(")")
+        ticks = sum(map(int, from_field_3.split()[11:15]))
+        return ticks / os.sysconf("SC_CLK_TCK")
     except (OSError, ValueError, AttributeError):
         return 0.0
 
@@ -219,8 +217,9 @@ class Worker:
         """Append what the worker sends to `results`, until it says that the call has ended; return
         the error that the function raised, None for none.
 
-        Raises TimeoutError after `limit` s of its time, or `longest` s, without an answer; EOFError
-        or OSError where the process has ended.
+        limit: s of the worker's processor time between two answers, None for any. longest: s of the
+        clock, likewise. Raises TimeoutError where an answer takes longer; EOFError or OSError where
+        the process has ended.
         """
         while self._answers(limit, longest):
             answer = self._pipe.recv()
@@ -325,12 +324,12 @@ def worker_of_thread() -> Worker:
 
 
 def use_own_worker(worker: Worker | None = None) -> None:
-    """Give the calling thread a worker process of its own, unless it
-    has one; other threads share one.
+    """Give the calling thread a worker process of its own, unless it has one. Threads that never
+    call this share one worker, and so run one engine at a time.
 
     worker: None for a new one, which is started at its first use.
 
-    For the threads of executors other than a WorkerPool's: so many engines then run at once.
+    A WorkerPool does it for its threads; other executors' threads have to call it.
     """
     if not hasattr(_thread, "worker"):
         _thread.worker = worker or Worker()

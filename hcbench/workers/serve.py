@@ -146,9 +146,10 @@ _environment = ""
 def mark_as_worker(environment: str = "") -> None:
     """Declare this process to be hcbench's own: engines then run in it, in place.
 
-    environment: the name of the Interpreter that it was started in. To be called first thing in a
-    process. It ignores Ctrl-C from then on: a terminal sends that to every process, and the parent
-    decides what becomes of its workers.
+    To be called first thing in a process. It ignores Ctrl-C from then on: a terminal sends that to
+    every process, and the parent decides what becomes of its workers.
+
+    environment: the name of the environment that it was started in; "" for the user's own.
     """
     global _is_worker, _environment
     _is_worker, _environment = True, environment
