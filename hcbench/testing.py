@@ -67,9 +67,11 @@ def target_for(recipe: Recipe, scene: Scene) -> Target:
     elif registry.engine(recipe.engine).bits == 32:
         # In shorter steps a float32 position moves by only a few of its last digits.
         timestep = 1e-5
-    else:
+    elif recipe.role is Role.CONSTANT_E and not recipe.native:
         # Published laws are many, and the same lines for all: coarser is enough.
-        timestep = 4e-6 if recipe.role is Role.CONSTANT_E and not recipe.native else 1e-6
+        timestep = 4e-6
+    else:
+        timestep = 1e-6
     return Target(HuntCrossley(scene.stiffness, ALPHA, scene.exponent), scene.mass, timestep, *BAND)
 
 

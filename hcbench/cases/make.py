@@ -110,7 +110,8 @@ def run(world: Json, record: Sequence[Sequence[int]], **expected: Any) -> Json:
 
 
 def launch(h: float, v: float, phase: float, e: float, **more: Any) -> Json:
-    """A ball without gravity that meets the floor at v, with the e expected of it.
+    """A run of a ball without gravity that meets the floor at v, with the e expected of it; the
+    first and the last three states are kept.
 
     h: time step, s. v: m/s. phase: share of a step before the touch.
     more: other keys of the world; `body` has those of the ball.
@@ -155,12 +156,14 @@ def case(
 
 
 def fall(h: float, v: float, phase: float, e: float) -> Json:
-    """A ball under gravity that meets the floor at v, with the e expected of it.
+    """A run of a ball under gravity that meets the floor at v, with the e expected of it; 81 states
+    are kept.
 
     h: time step, s. v: at the touch, m/s. phase: share of a step before the touch.
     The height is by the positions of semi-implicit Euler's steps.
     """
     time = (CLEAR + phase) * h
+    # Its steps fall g h t/2 more than exact flight in the time t.
     gap = v * time - GRAVITY * time**2 / 2 + GRAVITY * h * time / 2
     start = ball((0, 0, RADIUS + gap), (0, 0, GRAVITY * time - v))
     return run(world(h, [start], e, GRAVITY), [(0, 80)], restitution=e)

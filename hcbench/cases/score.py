@@ -242,6 +242,9 @@ def matrix(scores: Sequence[EngineScore] | None = None) -> list[dict[str, str]]:
 def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedience | None, float]:
     """Obedience to the restitution asked for, and the speed, m/s, up to which nothing bounces.
 
+    "obeyed", or "soft" where bodies sink in; else "ignored" where e is the same for all asked for,
+    "threshold" where it is as asked for above that speed, "mixed" for all else.
+
     runs: results by case. verdicts: on the cases, in their order. By the first two cases: normal
     impacts without gravity, then slow ones under it. None and 0 where they were not run, or have no
     numbers.

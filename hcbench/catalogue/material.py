@@ -17,6 +17,7 @@ from hcbench.laws.restitution import (
     Restitution,
     RestitutionCurve,
 )
+from hcbench.laws.solvers import rising
 from hcbench.system.errors import UserError
 from hcbench.terms.bounds import BOUNDS
 from hcbench.terms.fields import FileTable, Text, mistake
@@ -261,19 +262,9 @@ def falling(points: Sequence[tuple[float, float]]) -> tuple[tuple[float, float],
     """The e nearest to points (v m/s, e), by least squares, that does not rise with speed: the same
     speeds, rising, each with its new e.
 
-    Measured e scatters; a target that rises by chance has no setting. Neighbours that rise are
-    replaced by their mean until none do (pool adjacent violators, Ayer and others 1955).
+    Measured e scatters; a target that rises by chance has no setting.
     """
-    # Each pool has the measured e of neighbouring speeds, whose mean stands for all of them.
-    pools: list[list[float]] = []
-    for _, e in sorted(points):
-        pools.append([e])
-        while len(pools) > 1 and _mean(pools[-2]) < _mean(pools[-1]):
-            last = pools.pop()
-            pools[-1] += last
-    values = [_mean(pool) for pool in pools for _ in pool]
-    return tuple((v, e) for (v, _), e in zip(sorted(points), values, strict=True))
-
-
-def _mean(values: Sequence[float]) -> float:
-    return math.fsum(values) / len(values)
+    by_speed = sorted(points)
+    falls = rising(-e for _, e in by_speed)
+    # Not -fall: an e of 0 would become -0.0.
+    return tuple((v, 0.0 - fall) for (v, _), fall in zip(by_speed, falls, strict=True))

@@ -1,4 +1,5 @@
-"""A root in a bracket, and a minimum between bounds, of a function of one number.
+"""A root in a bracket and a minimum between bounds, of a function of one number; the numbers nearest
+to others that rise.
 
 Importing scipy.optimize takes longer than all else that a command for a root does, and as long as
 all else that measuring a model does.
@@ -7,7 +8,7 @@ all else that measuring a model does.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 _MOST_STEPS = 1000
 
@@ -188,3 +189,30 @@ def _to_vertex(
         # -0.0 + 0.0 is 0.0, whose step goes up, as SciPy's.
         return (p + 0.0) / q
     return None
+
+
+def rising(values: Iterable[float]) -> list[float]:
+    """The numbers nearest to these by least squares that do not fall (isotonic regression); as many,
+    in their order.
+
+    Neighbours that fall are replaced by their mean until none do: pool adjacent violators, M. Ayer
+    and others 1955. SciPy's takes longer to import.
+    """
+    # Each pool has neighbouring values, whose mean stands for all of them.
+    pools: list[list[float]] = []
+    means: list[float] = []
+    for value in values:
+        pool = [float(value)]
+        while means and means[-1] > _mean(pool):
+            means.pop()
+            pool = pools.pop() + pool
+        pools.append(pool)
+        means.append(_mean(pool))
+    nearest = []
+    for pool, mean in zip(pools, means, strict=True):
+        nearest += [mean] * len(pool)
+    return nearest
+
+
+def _mean(values: list[float]) -> float:
+    return math.fsum(values) / len(values)

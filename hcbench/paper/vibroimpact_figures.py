@@ -361,6 +361,7 @@ def response_figure(effort: Effort) -> Figure:
     handles = axes.plot(fine / 1e3, linear.amplitude(1.0, fine) * 1e9, **line)
     cycles = max(8, effort.cycles // 2)
     for i, force in enumerate(FORCES):
+        # The drive's own frequency is replaced by each of f.
         run = orbits(SQUEEZED, Sinusoid(force, 1.0), "frequency", f, cycles, max(2, cycles // 4))
         label = f"(16), {force:g} N"
         handles += axes.plot(f / 1e3, run.amplitude / force * 1e9, **numbered_line(i), label=label)

@@ -226,7 +226,9 @@ def _arc(time: Floats, place: Floats, spin: Floats) -> tuple[Floats, float, floa
         start = u[:3]
         velocity = u[3:]
         speed = float(np.linalg.norm(velocity))
+        # Per mass: the acceleration, m/s².
         force = -_DRAG * speed * velocity + _LIFT * np.cross(spin, velocity) - [0.0, 0.0, GRAVITY]
+        # Derivative of speed times velocity over time.
         change = speed * force + velocity * float(velocity @ force) / max(speed, 1e-9)
         jerk = -_DRAG * change + _LIFT * np.cross(spin, force)
         missed: Floats = (powers @ np.stack([start, velocity, force, jerk]) - place).ravel()

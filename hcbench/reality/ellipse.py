@@ -131,9 +131,11 @@ def read(path: Path) -> Floats:
         unmarked = [impact for impact in content if not np.any(impact.flags)]
         rows = []
         for number, impact in enumerate(unmarked):
+            # Six numbers before the impact, x, z, angle and their rates, then six after it.
             angle = impact.states[2]
             before = impact.states[3:6]
             after = impact.states[9:12]
+            # Last in the rows of the Jacobian, normal and tangent, are the levers of the spin, m.
             rows.append((*before, *after, angle, impact.n[2], number, impact.d[2]))
         table = np.array(rows, dtype=np.float64)
         columns = dict(zip(_COLUMNS, table.T, strict=True))
@@ -252,33 +254,35 @@ def free_impulse(impacts: EllipseImpacts) -> Floats:
         impulse = np.linalg.lstsq(scaled, aim, rcond=None)[0]
         energy = before @ mass @ before
 
-        def gain(
+        # The defaults are the numbers of this drop, whatever the loop's names mean later.
+        def loss(
             u: Floats, columns: Floats = columns, before: Floats = before, energy: float = energy
         ) -> float:
+            """Share of the energy that the impulse u, N s, takes away; below 0 if it adds some."""
             moved = before + columns @ u
             return float(1.0 - moved @ mass @ moved / energy)
 
-        if gain(impulse) < 0.0:
-            impulse = _bounded(scaled, aim, impulse, gain)
+        if loss(impulse) < 0.0:
+            impulse = _bounded(scaled, aim, impulse, loss)
         least.append(float(np.linalg.norm(scaled @ impulse - aim)))
     return np.array(least)
 
 
-def _bounded(scaled: Floats, aim: Floats, start: Floats, gain: Any) -> Floats:
+def _bounded(scaled: Floats, aim: Floats, start: Floats, loss: Any) -> Floats:
     """The impulse nearest to a wanted change that adds no energy, N s along the normal and the
     tangent, shape (2,).
 
     scaled: change of the scaled state by each impulse, shape (3, 2).
     aim: wanted change of the scaled state, m/s, shape (3,).
     start: the impulse that comes nearest without regard to energy, N s, shape (2,).
-    gain: share of the energy that an impulse takes away.
+    loss: share of the energy that an impulse takes away.
     """
 
     def square(u: Floats) -> float:
         return 1e3 * float(np.sum((scaled @ u - aim) ** 2))
 
     best: Any = optimize.minimize(
-        square, 0.8 * start, constraints={"type": "ineq", "fun": gain}, method="SLSQP"
+        square, 0.8 * start, constraints={"type": "ineq", "fun": loss}, method="SLSQP"
     )
     impulse: Floats = best.x
     return impulse

@@ -192,8 +192,8 @@ RIGID = "rigid law"
 
 
 def of_friction(cell: Cell) -> SettingErrors:
-    """Errors with the best e of each toss, of RESTITUTIONS, at the friction of the cell; of every
-    third toss. To be run in a worker process of the cell's engine.
+    """Errors of every third toss, each with that e of RESTITUTIONS whose score is least, at the
+    friction of the cell. To be run in a worker process of the cell's engine.
 
     cell: its setting's first parameter is e; its values are all others.
     """

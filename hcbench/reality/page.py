@@ -207,10 +207,9 @@ def _noise_verdict(scores: Sequence[SettingScore]) -> Iterator[str]:
     """Conclusion on the share of the noise in the cube's errors, a sentence; none without both
     floors.
 
-    scores: of all sets. The cube's floors come in the order of `study`: best law of each toss,
-    noise of the start.
+    scores: of all sets. The cube's floors come in the order of `study._floors`: best law of each
+    toss, noise of the start.
     """
-    # In the order of `study._floors`: the best law of each toss, then the noise of the start.
     floors = [s for s in scores if s.set == "cube" and s.engine == NO_ENGINE]
     near = _comparable(scores)
     if len(floors) == 2 and near:

@@ -80,8 +80,9 @@ def box(size: Sequence[float], mass: float, inertia: Sequence[float] = ()) -> Bo
     if inertia:
         if len(inertia) not in (1, 3):
             raise UserError("--inertia", f"{len(inertia)} numbers", "one or three, kg m²")
-        first, *others = inertia
-        return Body("box", half, mass, (first, *(others or (first, first))))
+        if len(inertia) == 1:
+            return Body("box", half, mass, (inertia[0], inertia[0], inertia[0]))
+        return Body("box", half, mass, (inertia[0], inertia[1], inertia[2]))
     squares = np.array(size) ** 2
     x, y, z = (float(mass * (squares.sum() - square) / 12.0) for square in squares)
     return Body("box", half, mass, (x, y, z))

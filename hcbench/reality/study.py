@@ -286,17 +286,16 @@ def run(request: RealityRequest, pool: WorkerPool, tick: Tick | None = None) -> 
 
 
 def _both_parts(request: RealityRequest, data: str) -> tuple[Any, Any]:
-    """(motions or impacts of the training part of a data set, those that are judged), as the set's
-    `cases` makes them.
+    """Motions or impacts of a data set, as its `cases` makes them: of the training part, and those
+    that are judged.
 
     data: name of the set. The parts that are judged are the request's one, or the set's validation
     parts. Raises UserError for a folder that is not of the set's data.
     """
+    module = SETS[data]
     folder = request.folders.get(data)
-    return tuple(
-        SETS[data].cases(parts, folder)
-        for parts in (SETS[data].TRAINING, parts_of(data, request.part))
-    )
+    training = module.cases(module.TRAINING, folder)
+    return training, module.cases(parts_of(data, request.part), folder)
 
 
 def drawn_toss(pool: WorkerPool, cells: Sequence[Cell]) -> dict[str, Floats]:
@@ -322,11 +321,12 @@ def _poses(cell: Cell) -> tuple[Floats, Floats]:
     """
     tosses = Tosses(cell.cases.body, cell.cases.motions[:1])
     simulated = tosses.as_simulated(tosses.simulated(cell.module, cell.contact, cell.values))
-    measured, other = (
-        np.concatenate([toss.position, toss.quaternion], axis=1)
-        for toss in (tosses.motions[0], simulated.motions[0])
+    measured = tosses.motions[0]
+    other = simulated.motions[0]
+    return (
+        np.concatenate([measured.position, measured.quaternion], axis=1),
+        np.concatenate([other.position, other.quaternion], axis=1),
     )
-    return measured, other
 
 
 def _cells(request: RealityRequest, parameters: Parameters, data: str) -> Iterator[Cell]:

@@ -192,6 +192,15 @@ _BAND_SHOWN = 1e-4
 _LINEAR: dict[str, Any] = {"color": SLATE, "linewidth": 1.0, "linestyle": (0, (2, 2))}
 
 
+class _EndLabel(NamedTuple):
+    """The name of a line, beside its end. end: e there. weight: of the font."""
+
+    end: float
+    text: str
+    colour: str
+    weight: str
+
+
 class _Line(NamedTuple):
     """Curve of a run, and the place of the run among those of the figure, from 0."""
 
@@ -259,8 +268,8 @@ def overview_figure(view: View, runs: list[RunKey]) -> Figure:
     _draw_law(axes, view, alpha)
     axes.set_ylim(max(0.0, lowest - 0.05 * (1.05 - lowest)), 1 + 0.15 * (1 - lowest))
     labels = [
-        (float(closed_form.restitution(alpha, fastest)), "the law", SLATE, "bold"),
-        (1 - alpha * fastest, "1 − αv", SLATE, "normal"),
+        _EndLabel(float(closed_form.restitution(alpha, fastest)), "the law", SLATE, "bold"),
+        _EndLabel(1 - alpha * fastest, "1 − αv", SLATE, "normal"),
     ]
     _draw_named(axes, view, near, labels)
     axes.set_ylabel("restitution e")
@@ -278,13 +287,10 @@ def overview_figure(view: View, runs: list[RunKey]) -> Figure:
     return figure
 
 
-def _draw_named(
-    axes: Axes, view: View, lines: list[_Line], labels: list[tuple[float, str, str, str]]
-) -> None:
+def _draw_named(axes: Axes, view: View, lines: list[_Line], labels: list[_EndLabel]) -> None:
     """Draw curves, and beside them their names and those of other lines.
 
-    labels: of other lines, which are drawn already: e where they end, text, colour, weight of the
-    font.
+    labels: of other lines, which are drawn already.
     """
     all_labels = list(labels)
     for line in lines:
@@ -292,33 +298,30 @@ def _draw_named(
         _draw_curve(axes, view, run, line.curve, line.nth)
         name = f"{wording.engine_title(run.engine)}, {run.name}, {run.step}"
         end = float(line.curve.restitution[-1])
-        all_labels.append((end, name, view.plot_style(run).colour, "normal"))
+        all_labels.append(_EndLabel(end, name, view.plot_style(run).colour, "normal"))
     _label_ends(axes, all_labels)
 
 
-def _label_ends(axes: Axes, labels: list[tuple[float, str, str, str]]) -> None:
-    """Write names in the right margin, each led to its line's end, none over another.
-
-    labels: e where the line ends, text, colour, weight of the font.
-    """
+def _label_ends(axes: Axes, labels: list[_EndLabel]) -> None:
+    """Write names in the right margin, each led to its line's end, none over another."""
     low, high = axes.get_ylim()
     # As shares of the frame's height, as are the places of the names.
-    ends = (np.clip([label[0] for label in labels], low, high) - low) / (high - low)
+    ends = (np.clip([label.end for label in labels], low, high) - low) / (high - low)
     height = axes.get_position().height
     places = declutter(ends, 0.0444 / height, 0.0, 1.0)
-    for end, place, (_, text, colour, weight) in zip(ends, places, labels, strict=True):
+    for end, place, label in zip(ends, places, labels, strict=True):
         axes.annotate(
-            text,
+            label.text,
             (1.0, end),
             (1.06, place),
             xycoords="axes fraction",
             textcoords="axes fraction",
-            color=colour,
-            fontweight=weight,
+            color=label.colour,
+            fontweight=label.weight,
             va="center",
             arrowprops={
                 "arrowstyle": "-",
-                "color": colour,
+                "color": label.colour,
                 "linewidth": 0.7,
                 "shrinkA": 0,
                 "shrinkB": 0,

@@ -9,7 +9,7 @@ import math
 import operator
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -59,6 +59,17 @@ _SCRIPTS = ("law", "plot", "explorer", "answer", "panels", "ranking", "drop", "s
 def explorer_script() -> Script:
     """The script that draws the explorer."""
     return script(*(f"explorer/{name}.js" for name in _SCRIPTS))
+
+
+class _KeptLoop(NamedTuple):
+    """Loop of one impact. phase: where in a step the impact began, 0 to below 1. times: s;
+    penetrations: m; forces: N.
+    """
+
+    phase: float
+    times: list[float]
+    penetrations: list[float]
+    forces: list[float]
 
 
 @dataclass(slots=True)
@@ -203,8 +214,11 @@ def _start(keys: Sequence[Any], view: View) -> _Where:
         _, _, step, alpha = key
         return abs(math.log(step / _USUAL_STEP)), abs(alpha - view.main_alpha)
 
-    main = (view.gravity, view.engines[0])
-    of_main = [key for key in keys if key[:2] == main]
+    of_main = []
+    for key in keys:
+        gravity, engine, *_ = key
+        if gravity == view.gravity and engine == view.engines[0]:
+            of_main.append(key)
     nearest: _Where = min(of_main or keys, key=distance)
     return nearest
 
@@ -260,9 +274,10 @@ def _unknown(start: Mapping[str, Any]) -> dict[str, Any]:
 
     start: engine, step (s), gravity (m/s²) and alpha (s/m), by name.
     """
-    engine, step, gravity, alpha = (start[name] for name in ("engine", "step", "gravity", "alpha"))
-    asked = f'--alpha "{alpha:g} s/m" --timestep "{step:g} s" --gravity {gravity:g}'
-    command = f"hcbench tune {engine} {asked}"
+    engine = start["engine"]
+    alpha = f'--alpha "{start["alpha"]:g} s/m"'
+    step = f'--timestep "{start["step"]:g} s"'
+    command = f"hcbench tune {engine} {alpha} {step} --gravity {start['gravity']:g}"
     say = f"Ask for a setting of {engine_title(engine)}: this command finds it."
     return {"kind": "", "say": say, "more": [], "text": command}
 
@@ -279,15 +294,17 @@ def _runs(view: View, loops: LoopStore, texts: tables.PastedTexts) -> Iterable[d
             continue
         curve = folded.curve
         of_run = kept.get((run, alpha), {})
-        # Shown of each speed is the impact whose loop was kept, or else
-        # one half-way through a step.
-        phases = [phase for phase, *_ in of_run.values()]
+        # Shown of each speed is the impact whose loop was kept, or else one half-way through a
+        # step: the phase of the first kept loop stands for all speeds.
         shown = folded.half_way
-        if phases and abs(folded.of_loops.phase - phases[0]) < abs(shown.phase - phases[0]):
-            shown = folded.of_loops
+        if of_run:
+            phase = next(iter(of_run.values())).phase
+            if abs(folded.of_loops.phase - phase) < abs(shown.phase - phase):
+                shown = folded.of_loops
         numbers = [-1] * len(curve)
-        for speed, (_, *loop) in of_run.items():
-            numbers[int(np.abs(curve.speed - speed).argmin())] = loops.add(loop)
+        for speed, loop in of_run.items():
+            number = loops.add([loop.times, loop.penetrations, loop.forces])
+            numbers[int(np.abs(curve.speed - speed).argmin())] = number
         yield {
             **_drawn(view, run),
             "gravity": view.gravity,
@@ -306,22 +323,22 @@ def _runs(view: View, loops: LoopStore, texts: tables.PastedTexts) -> Iterable[d
         }
 
 
-def _kept_loops(view: View) -> dict[tuple[RunKey, float], dict[float, tuple[Any, ...]]]:
-    """Loops of the main α: run and α -> launch speed (m/s) -> phase, times, penetrations, forces.
-
-    Times are in s, penetrations in m, forces in N. Empty for results without loops.
+def _kept_loops(view: View) -> dict[tuple[RunKey, float], dict[float, _KeptLoop]]:
+    """Loops of the main α: run and α -> launch speed (m/s) -> the loop at it; empty for results
+    without loops.
     """
     columns = ["speed_m_per_s", "phase", "time_s", "penetration_m", "force_n"]
-    loops: dict[tuple[RunKey, float], dict[float, tuple[Any, ...]]] = {}
+    loops: dict[tuple[RunKey, float], dict[float, _KeptLoop]] = {}
     if view.results.loops.empty:
         return loops
     main = np.isclose(view.results.loops["alpha_s_per_m"], view.main_alpha, rtol=1e-9)
     for key, rows in view.results.loops[main].groupby(_KEY, sort=False):
         of_run = loops.setdefault(_run_and_alpha(view, key), {})
-        for speed, phase, *sample in rows[columns].itertuples(index=False, name=None):
-            loop = of_run.setdefault(speed, (phase, [], [], []))
-            for values, value in zip(loop[1:], sample, strict=True):
-                values.append(value)
+        for speed, phase, time, x, force in rows[columns].itertuples(index=False, name=None):
+            loop = of_run.setdefault(speed, _KeptLoop(phase, [], [], []))
+            loop.times.append(time)
+            loop.penetrations.append(x)
+            loop.forces.append(force)
     return loops
 
 

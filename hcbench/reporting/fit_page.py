@@ -140,8 +140,10 @@ def _residual_figure(result: FitResult) -> Figure:
             "color": COLOURS[i % len(COLOURS)],
             "markersize": 3.5,
         }
+        # The reading's error that the fit leaves, over its standard deviation.
         left = off_law / (noise * model.shape)
-        # Data of single impacts have one reading for each impact.
+        # The likeliest ln(e of the impact / e of the law). Where each reading is of one impact, it
+        # cannot be told from the reading's error: that is drawn.
         off = latent if data.needs_gravity else model.residual
         upper.plot(_numbers(data.touches(), len(off)), 100.0 * off, label=data.name, **style)
         lower.plot(_numbers(data.rows(), len(left)), np.clip(left, -10, 10), **style)

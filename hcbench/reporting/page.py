@@ -305,10 +305,19 @@ def _shortened(svg: str) -> str:
     """
 
     def short(number: re.Match[str]) -> str:
+        """The number in two decimals, without zeros at its end."""
         return f"{float(number[0]):.2f}".rstrip("0").rstrip(".")
 
-    rounded = _COORDINATES.sub(lambda path: _LONG_NUMBER.sub(short, path[0]), svg)
-    return _DOTS.sub(lambda path: f' d="{" ".join(dict.fromkeys(_DOT.findall(path[1])))}"', rounded)
+    def rounded(path: re.Match[str]) -> str:
+        """The attribute with coordinates, each long number in it short."""
+        return _LONG_NUMBER.sub(short, path[0])
+
+    def dots_once(path: re.Match[str]) -> str:
+        """The attribute of a path of dots, with each dot once."""
+        dots = dict.fromkeys(_DOT.findall(path[1]))
+        return f' d="{" ".join(dots)}"'
+
+    return _DOTS.sub(dots_once, _COORDINATES.sub(rounded, svg))
 
 
 # The numbers behind a figure: each curve as it is drawn, as a table.

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
+from hcbench.laws.solvers import rising
 from hcbench.reporting.wording import power_of_ten
 from hcbench.terms.impact import Floats
 from hcbench.terms.units import INCH
@@ -248,32 +249,10 @@ def declutter(positions: Sequence[float] | Floats, gap: float, low: float, high:
     # Less k gaps, the k-th position must only not fall: then each gap is kept.
     order = np.argsort(positions, kind="stable")
     steps = gap * np.arange(count)
-    unclipped = _rising(np.asarray(positions, dtype=float)[order] - steps)
+    unclipped = rising(np.asarray(positions, dtype=float)[order] - steps)
     out: Floats = np.empty(count)
     out[order] = np.clip(unclipped, low, high - gap * (count - 1)) + steps
     return out
-
-
-def _rising(values: Floats) -> Floats:
-    """The values nearest to these by least squares that do not fall, by pooling neighbours that do
-    (isotonic regression); SciPy's takes longer to import.
-
-    values: shape (n,), as is the result.
-    """
-    # Mean of each pool so far.
-    means: list[float] = []
-    counts: list[int] = []
-    for value in values:
-        mean = float(value)
-        count = 1
-        while means and means[-1] > mean:
-            other = means.pop()
-            more = counts.pop()
-            mean = (other * more + mean * count) / (more + count)
-            count += more
-        means.append(mean)
-        counts.append(count)
-    return np.repeat(means, counts)
 
 
 def legend_below(figure: Figure, handles: list[Line2D]) -> None:

@@ -326,8 +326,8 @@ def loop_verdict(view: View, run: RunKey) -> str:
 
 
 def best(view: View, runs: Sequence[RunKey]) -> list[RunKey]:
-    """Select the runs with the least error among those that are set and lack nothing: several if
-    they tie, none if there is no such run.
+    """Select the runs with the least error among those that have a setting and lack nothing (see
+    `lacks`): several if they tie, none if there is no such run.
 
     If all are of one engine at one step, and `tune` has an answer for that, the runs with its
     setting instead, if any.

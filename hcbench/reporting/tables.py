@@ -358,9 +358,11 @@ class PastedTexts:
                 run = view.run_of(record)
                 about = {"summary": record["summary"], "notes": list(record.get("notes", []))}
                 self.settings.setdefault(f"{run.engine} {run.label}", about)
+                setting = Setting(run.engine, run.setting, run.timestep, record["options"])
                 # A reader has a ball on a floor, even where the study has a cup.
-                text = snippet(Setting(*run[:3], record["options"]), "plane")
-                if numbers.setdefault(text, len(self.stored)) == len(self.stored):
+                text = snippet(setting, "plane")
+                if text not in numbers:
+                    numbers[text] = len(self.stored)
                     self.stored.append(text)
                 self._places[view.gravity, run, float(record["alpha_s_per_m"])] = numbers[text]
 

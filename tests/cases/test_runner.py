@@ -359,7 +359,7 @@ def test_a_vendored_folder_is_small_and_its_test_runs_alone(tmp_path: Path) -> N
     folder = tmp_path / "bounces"
     assert cli.run(["cases", "vendor", "--case", "C01", "--case", "C05", str(folder)]) == 0
     size = sum(path.stat().st_size for path in folder.iterdir())
-    assert size <= 40_000, "as docs/howto/cases.md says"
+    assert size <= 45_000, "as docs/howto/cases.md says"
     for path in folder.glob("*.py"):
         if path.name != "adapter.py":
             assert "SPDX-License-Identifier: Apache-2.0" in path.read_text("utf-8")

@@ -86,12 +86,14 @@ def integrate(
 
 
 class _Batch:
-    """The state of all oscillators, t, y and mode, and what comes next for each.
+    """The state of all oscillators, t, y and mode, and what comes next for each; arrays have the
+    shape (..., oscillators).
 
-    passed: checkpoints.
+    passed: number of checkpoints passed.
     h: length of the next step, s.
-    goal: what the end of that step is searched for; low, high: bracket of its length. Arrays have
-    the shape (..., oscillators).
+    goal: NOTHING while steps are as long as their error allows; TURN or SWITCH while the length is
+    searched after which the mass turns, or a contact changes its mode. low, high: bracket of that
+    length, s.
     """
 
     def __init__(
@@ -135,17 +137,19 @@ class _Batch:
         goal = self.goal[rows]
         no_goal = goal == NOTHING
         left = self.checkpoints[self.passed[rows], rows] - self.t[rows]
-        h = np.where(
-            no_goal, np.minimum(np.minimum(self.h[rows], self.step_max[rows]), left), self.h[rows]
-        )
+        # A search has its lengths from `_narrow`, within a step that was good.
+        longest = np.minimum(self.step_max[rows], left)
+        h = np.where(no_goal, np.minimum(self.h[rows], longest), self.h[rows])
         y, error = self._try(rows, h)
         # A NaN compares false, so that its step is not good.
         good = no_goal & (error <= 1.0)
         self._resize(rows[no_goal], h[no_goal], error[no_goal])
+        # Both fall from above 0, and pass it at a turning point and at a switch.
         speed = self._speed(rows, y)
         distance = self._distance(rows, y)
         narrow = self.high[rows] - self.low[rows] <= 2.0 * _EPS * self.high[rows]
-        reached = ~no_goal & (narrow | (np.abs(np.where(goal == TURN, speed, distance)) <= 1.0))
+        sought = np.where(goal == TURN, speed, distance)
+        reached = ~no_goal & (narrow | (np.abs(sought) <= 1.0))
         turns = good & (speed < 0.0)
         # A turning point beyond a switch: the switch comes first.
         crosses = ((good & ~turns) | (reached & (goal == TURN))) & (distance < 0.0)
@@ -416,7 +420,9 @@ def motion_size(
     for law, x in ((system.right, position - half), (system.left, -position - half)):
         start += max(0.0, stored(law, x) - stored(law, squeeze))
     if squeeze > 0.0:
-        stiffness = sum(tangent(law, squeeze)[0] for law in (system.right, system.left))
+        right, _ = tangent(system.right, squeeze)
+        left, _ = tangent(system.left, squeeze)
+        stiffness = right + left
         energy = start + 0.5 * force**2 / stiffness
         require(
             "start",

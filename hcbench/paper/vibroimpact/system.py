@@ -192,6 +192,8 @@ Drives: TypeAlias = Callable[[Floats, Indices], Floats]
 class TwoSidedContact:
     """A batch of masses between blocks, whose equations depend on modes, which change at switches.
 
+    The mode of a contact is APART, CONTACT while its law presses, or PULLED_OFF where the mass is
+    in the block and the law would pull, so that nothing acts.
     y is position, velocity and, if the energy balance is kept, the energies lost and put in; shape
     (components, masses). `rows` are the numbers of the masses that the columns of the other arrays
     belong to. Switch 0 or 1 is the surface of the right or left block, 2 or 3 where its force ends

@@ -146,11 +146,9 @@ def csv_of(costs: Sequence[tuple[str, str, float, dict[int, float]]], machine: s
         f"# CPU and load of one machine at one time: {machine}",
         "engine,setting,timestep_s,balls,us_a_ball_step",
     ]
-    lines += [
-        f"{engine},{name},{step:g},{balls},{1e6 * s:.3g}"
-        for engine, name, step, cost in costs
-        for balls, s in cost.items()
-    ]
+    for engine, name, step, cost in costs:
+        for balls, seconds in cost.items():
+            lines.append(f"{engine},{name},{step:g},{balls},{1e6 * seconds:.3g}")
     return "\n".join(lines) + "\n"
 
 
@@ -372,8 +370,8 @@ def _stock(view: FieldView, here: Case | None, without_gravity: Case | None) -> 
 
 
 def _error(view: FieldView, here: tuple[str, float, float], kind: str) -> MatrixCell:
-    """Cell of the least error of a kind of settings, and which setting has it. Its note names
-    settings that are nearer by e, but add energy or lose impacts.
+    """Cell of the largest error of e of the best setting of a kind, and which setting that is. Its
+    note names settings that are nearer by e, but add energy or lose impacts.
 
     here: engine, gravity (m/s²), time step (s). kind: CONSTANT, SETTINGS or PLUGIN.
     """
@@ -387,8 +385,8 @@ def _error(view: FieldView, here: tuple[str, float, float], kind: str) -> Matrix
     least = math.inf
     if case is not None:
         least = view.error(case)
-    # Named are those that fail but would be the best by e alone; the off of
-    # one that never bounced is NaN.
+    # Named are those that fail but would be the best by e alone. One that never bounced has NaN for
+    # its largest error; it is named, too.
     nearer = []
     for other in tried:
         is_failing = math.isinf(view.error(other))

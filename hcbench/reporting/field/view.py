@@ -159,8 +159,10 @@ class FieldView:
         with speed; or PLUGIN. "" where this hcbench has no such recipe.
         """
         recipe = self.recipe(case)
-        if recipe is None or not recipe.native:
-            return PLUGIN if recipe else ""
+        if recipe is None:
+            return ""
+        if not recipe.native:
+            return PLUGIN
         return {Role.STOCK: STOCK, Role.CONSTANT_E: CONSTANT}.get(recipe.role, SETTINGS)
 
     def cases(self, engine: str, gravity: float, timestep: float, *kinds: str) -> list[Case]:
@@ -183,11 +185,14 @@ class FieldView:
         engine: its name. gravity: m/s². timestep: s. kinds: of settings, such as PLUGIN; OWN
         without any. One that bounces over the whole band is before any that stays down somewhere.
         """
+
+        def badness(case: Case) -> tuple[bool, float]:
+            return self.stays_down(case) > 0.0, self.error(case)
+
         cases = self.cases(engine, gravity, timestep, *kinds)
+        # The error of one that loses impacts or gains energy is infinite.
         good = [case for case in cases if math.isfinite(self.error(case))]
-        return min(
-            good, key=lambda case: (self.stays_down(case) > 0.0, self.error(case)), default=None
-        )
+        return min(good, key=badness, default=None)
 
     def stock(self, engine: str, gravity: float, timestep: float) -> Case | None:
         """The engine with nothing set; None where it did not run so."""
