@@ -498,8 +498,10 @@ def text(only: Sequence[str] = ()) -> str:
         if only and about["id"] not in only:
             continue
         runs = [*make_runs()]
-        bodies = [body for each in runs for body in each["world"]["bodies"]]
         worlds = [each["world"] for each in runs]
+        bodies: list[Json] = []
+        for one in worlds:
+            bodies += one["bodies"]
         shared = {"world": _shared(worlds), "body": _shared(bodies)}
         lines = [_line(each, shared["world"], shared["body"]) for each in runs]
         # The object of the case, without the bracket that closes it: its runs follow.
@@ -511,13 +513,14 @@ def text(only: Sequence[str] = ()) -> str:
 
 
 def _shared(parts: Sequence[Json]) -> Json:
-    """Keys and values that are alike in all parts."""
+    """Keys and values that are alike in all parts, one or more."""
     first, *others = parts
-    return {
-        key: value
-        for key, value in first.items()
-        if all(key in other and other[key] == value for other in others)
-    }
+    alike = dict(first)
+    for other in others:
+        for key in first:
+            if key not in other or other[key] != first[key]:
+                alike.pop(key, None)
+    return alike
 
 
 def _line(each: Json, world: Json, body: Json) -> str:
@@ -542,9 +545,14 @@ def _rounded(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _rounded(each) for key, each in value.items()}
     if isinstance(value, list):
-        # Whole numbers of a vector are short.
-        short = [_rounded(each) for each in value]
-        return [int(x) if isinstance(x, float) and x.is_integer() else x for x in short]
+        parts = []
+        for each in value:
+            part = _rounded(each)
+            # Whole numbers of a vector are short.
+            if isinstance(part, float) and part.is_integer():
+                part = int(part)
+            parts.append(part)
+        return parts
     if isinstance(value, float):
         return float(f"{value:.7g}")
     return value

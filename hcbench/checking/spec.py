@@ -48,9 +48,9 @@ MAX_DRIFT = 1e-4
 
 
 def _no_truth_value(value: Any) -> Any:
-    """The value, converted from NumPy's types to Python's.
+    """A number or text, converted from NumPy's types to Python's.
 
-    Refuses true and false, which Python would take for 1 and 0, by the error of a field.
+    Raises Pydantic's error of `mistake` for true and false, which Python would take for 1 and 0.
     """
     if hasattr(value, "tolist"):
         value = value.tolist()

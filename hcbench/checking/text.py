@@ -63,9 +63,8 @@ def outcome_text(outcome: Outcome) -> str:
     if outcome.measurement is not None:
         lines += outcome.measurement.headline
         # A check prints only those notes of `measure` by which its numbers may be wrong.
-        lines += [
-            f"note: {sanitized(note, LONGEST_NOTE)}" for note in outcome.measurement.facts.warnings
-        ]
+        for note in outcome.measurement.facts.warnings:
+            lines.append(f"note: {sanitized(note, LONGEST_NOTE)}")
     if outcome.against:
         against = f"against {outcome.against}"
         if not math.isnan(outcome.max_error):

@@ -216,8 +216,8 @@ def translate_errors(command: click.Command) -> click.Command:
 
 
 def _option_of(slot: str, context: click.Context) -> str | None:
-    """The option of the command line that an error's slot is about; None where the user typed none
-    that it may be about.
+    """Find the option that the slot of an error is about; None where the user typed none that it
+    may be about.
 
     slot: name of an argument, such as "max_error". context: of the command that runs.
     """

@@ -109,7 +109,10 @@ def score_cases(
     """
     from hcbench.cases.score import read_scores
 
-    _print([each for path in results for each in read_scores(path, only)], as_json, markdown)
+    scores: list[EngineScore] = []
+    for path in results:
+        scores += read_scores(path, only)
+    _print(scores, as_json, markdown)
 
 
 @cases.command("vendor")
@@ -221,10 +224,10 @@ def _junit(scores: Sequence[EngineScore], known: Mapping[str, Mapping[str, str]]
     """
     from hcbench.cases.hcbench_cases import junit
 
-    suites = [
-        junit(list(each.verdicts), each.name, dict(known.get(each.engine, {}))) for each in scores
-    ]
-    return f"<testsuites>{''.join(suites)}</testsuites>\n"
+    suites = ""
+    for each in scores:
+        suites += junit(list(each.verdicts), each.name, dict(known.get(each.engine, {})))
+    return f"<testsuites>{suites}</testsuites>\n"
 
 
 def _require_expected(

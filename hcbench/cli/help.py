@@ -229,8 +229,8 @@ def _write_options(ctx: click.Context, formatter: click.HelpFormatter) -> None:
 def _place(
     ctx: click.Context, option: click.Option, groups: Mapping[str, Sequence[str]]
 ) -> tuple[str, str | None]:
-    """The title of an option's group in the help of a command, and the command whose help explains
-    it in place of this one; None where this one does.
+    """Title of the group that an option is in, in the help of a command, and the command whose help
+    explains the option in place of this one; None where this one does.
 
     ctx: of the command. groups: its flags by their titles.
     """

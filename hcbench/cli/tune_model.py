@@ -152,7 +152,7 @@ def _tested(tuned: TunedModel, written: Path | None, models: tuple[str, ...]) ->
 
 
 def _model(written: Path | None, models: tuple[str, ...]) -> str:
-    """The file that was written, or the user's own models, as a shell takes them."""
+    """Words of a command for the file that was written, or for the models that the user named."""
     if written is not None:
         return quote(str(written))
     if is_python(models[0]):
@@ -470,9 +470,9 @@ def landing_record(change: LandingChange | None) -> dict[str, Any] | None:
         return None
     reach = None
     if change.reach is not None:
-        stiffer = [
-            {"kp_factor": factor, "rebound_m": rebound} for factor, rebound in change.reach.stiffer
-        ]
+        stiffer = []
+        for factor, rebound in change.reach.stiffer:
+            stiffer.append({"kp_factor": factor, "rebound_m": rebound})
         reach = {"rebound_m": change.reach.rebound, "stiffer": stiffer}
     return {
         "target_rebound_m": change.rebound,

@@ -336,8 +336,8 @@ def contact_of(
 
 
 def said(contact: OneContact, engines: Iterable[Vocabulary | None]) -> Conversion:
-    """The contact in all conventions: the paper's, those of libraries that hcbench does not run, and
-    those of engines.
+    """Write the contact in all conventions: of the paper, of libraries that hcbench does not run,
+    and of engines.
 
     engines: the rows, caveats and missing values of each engine; None for an engine that has no
     parameters for such a contact.

@@ -366,7 +366,10 @@ class ImpactLaws(Drawn):
 
         Raises QuantityError for a speed that is not above 0, UserError for an α v above 1000.
         """
-        return [impact for law in self.laws for impact in law.impacts(speeds)]
+        impacts: list[ImpactSummary] = []
+        for law in self.laws:
+            impacts += law.impacts(speeds)
+        return impacts
 
     @checked
     def loop(self, speed: Quantities, count: int = LOOP_COUNT) -> pd.DataFrame:

@@ -91,9 +91,11 @@ def engines_drawn_in(folder: Path) -> set[str]:
     """
     with suppress(OSError, ValueError):
         text = read_text(folder / PAGE)
-        return {
-            name for name in engines_with_two_blocks() if f"{engine_title(name)} plug-in" in text
-        }
+        drawn = set()
+        for name in engines_with_two_blocks():
+            if f"{engine_title(name)} plug-in" in text:
+                drawn.add(name)
+        return drawn
     return set()
 
 

@@ -61,12 +61,9 @@ class Cell:
 
     @property
     def contact(self) -> ContactSetting:
-        """The setting itself."""
-        (match,) = (
-            candidate for candidate in self.module.SETTINGS if candidate.key == self.setting
-        )
-        setting: ContactSetting = match
-        return setting
+        """The setting itself, by its key. Raises KeyError for one that the engine does not have."""
+        settings: dict[str, ContactSetting] = {one.key: one for one in self.module.SETTINGS}
+        return settings[self.setting]
 
     @property
     def module(self) -> Any:

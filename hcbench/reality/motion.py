@@ -256,10 +256,11 @@ class Tosses:
         distance of the centres, _WORST at most, and a corner's way by the angle, in widths.
         """
         width = 2.0 * float(np.mean(self.body.half_sizes))
-        rows = [
-            _away(measured, *at_times(states, timestep, measured.time - measured.time[0]))
-            for measured, states in zip(self.motions, simulated, strict=True)
-        ]
+        # Of each toss the mean distance, m, and angle, rad.
+        rows = []
+        for measured, states in zip(self.motions, simulated, strict=True):
+            place, turn = at_times(states, timestep, measured.time - measured.time[0])
+            rows.append(_away(measured, place, turn))
         distance, angle = np.array(rows).reshape(-1, 2).T
         # Distance of a corner from the centre, in widths.
         corner = float(np.linalg.norm(self.body.half_sizes)) / width

@@ -236,11 +236,8 @@ def _slope_verdict(results: RealityResults) -> Iterator[str]:
     this law, and comes only where their intervals are apart.
     """
     if results.slopes:
-        names = [
-            slope.of.partition(",")[0]
-            for slope in results.slopes
-            if not slope.of.startswith(SYNTHETIC)
-        ]
+        measured_slopes = [slope for slope in results.slopes if not slope.of.startswith(SYNTHETIC)]
+        names = [slope.of.partition(",")[0] for slope in measured_slopes]
         yield (
             f"No set here shows that e falls with speed ({listed(names)}): a constant e, by the same reading"
             " or with the noise of the speed before, gives slopes of this size."
@@ -289,10 +286,11 @@ def _cube_switches(results: RealityResults) -> list[tuple[str, list[SettingScore
     changed: set[tuple[str, str, str]] = set()
     for scores in results.changed.values():
         changed.update(map(setting_of, scores))
-    own = [
-        score for score in results.scores if score.set == "cube" and setting_of(score) in changed
-    ]
-    return [("", own), *((variant, list(scores)) for variant, scores in results.changed.items())]
+    of_cube = [score for score in results.scores if score.set == "cube"]
+    rows = [("", [score for score in of_cube if setting_of(score) in changed])]
+    for variant, scores in results.changed.items():
+        rows.append((variant, list(scores)))
+    return rows
 
 
 # Results in, a folder out: the page, scores.csv, the impacts that were read, and the parameters.
@@ -352,12 +350,11 @@ def impacts_text(impacts: Sequence[ImpactRead]) -> str:
 
 
 def pairs_text(impacts: Sequence[ImpactRead]) -> str:
-    """Impact speeds and e, as `hcbench fit` reads them."""
-    lines = [
-        f"{impact.number},{impact.speed_in:.6g},{impact.e:.6g},{impact.u_e:.6g}\n"
-        for impact in impacts
-    ]
-    return "trial,speed [m/s],restitution,u_restitution\n" + "".join(lines)
+    """Impact speeds, m/s, and e, as CSV that `hcbench fit` reads: a line for each impact."""
+    text = "trial,speed [m/s],restitution,u_restitution\n"
+    for impact in impacts:
+        text += f"{impact.number},{impact.speed_in:.6g},{impact.e:.6g},{impact.u_e:.6g}\n"
+    return text
 
 
 # The figures of the page: errors by setting with the floors, and e of each impact over speed.

@@ -375,9 +375,8 @@ def _floors(
         exact = _exact(data)
     if exact is not None:
         engine, constant, _ = exact
-        grid = [
-            request.cell(data, engine, constant, (friction,)) for friction in evidence.FRICTIONS
-        ]
+        frictions = evidence.FRICTIONS
+        grid = [request.cell(data, engine, constant, (friction,)) for friction in frictions]
         outcomes[evidence.BEST_OF_EACH] = evidence.best(run_each(pool, evidence.of_friction, grid))
         values = values_of(parameters, data, request.cell(data, engine, constant))
         if values is not None:

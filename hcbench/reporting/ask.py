@@ -262,8 +262,7 @@ def engines_in(folder: Path) -> set[str]:
     import csv
 
     try:
-        return {
-            row["engine"] for row in csv.DictReader(read_text(folder / "scores.csv").splitlines())
-        }
+        lines = read_text(folder / "scores.csv").splitlines()
+        return {row["engine"] for row in csv.DictReader(lines)}
     except (OSError, ValueError, LookupError, csv.Error):
         return set()

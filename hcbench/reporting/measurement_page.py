@@ -109,11 +109,18 @@ def curve_figure(measurement: Measurement) -> Figure:
 
 def _loops_figure(measurement: Measurement) -> Figure:
     """Force, N, over penetration, µm or mm: one loop or more, one a speed, the faster the darker."""
-    deepest = max(
-        float(impact.loop.penetration.max()) for impact in measurement.loops if impact.loop
-    )
-    scale, unit = (1e3, "mm") if deepest >= 1e-3 else (1e6, "µm")
-    fastest = max(impact.speed_in for impact in measurement.loops)
+    # m, m/s.
+    deepest = 0.0
+    fastest = 0.0
+    for impact in measurement.loops:
+        assert impact.loop is not None
+        deepest = max(deepest, float(impact.loop.penetration.max()))
+        fastest = max(fastest, impact.speed_in)
+    scale = 1e6
+    unit = "µm"
+    if deepest >= 1e-3:
+        scale = 1e3
+        unit = "mm"
     figure = new_figure(6.4, 3.6)
     axes = figure.subplots()
     for impact in measurement.loops:
@@ -141,10 +148,13 @@ def landing_page(robots: Sequence[Landings]) -> str:
     robots: landings of one robot or more, from the same heights and tilts.
     """
     names = labels(robots)
+    headlines: list[str] = []
+    for landings in robots:
+        headlines += headline(landings)
     return render(
         "landing.html",
         title=" and ".join(names),
-        headlines=[line for landings in robots for line in headline(landings)],
+        headlines=headlines,
         several=len(robots) > 1,
         drops=list(by_drop(robots, names)),
         span=span,

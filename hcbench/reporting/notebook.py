@@ -281,7 +281,7 @@ def _(results: Results) -> Figure:
 
 @_words.register
 def _(results: Results) -> _Words:
-    """The study's title, its advice in short, and the versions that ran; nothing to paste."""
+    """Title of the study, its advice in short, and the versions that ran; nothing to paste."""
     view = views(results).main
     facts = {
         "in short": " ".join(advised(view)),

@@ -127,8 +127,8 @@ def best_of(answer: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def choice_of(view: View, run: RunKey, alpha: float | None = None) -> Mapping[str, Any] | None:
-    """The choice, as JSON, of the answer for a run's engine and step that has the run's setting;
-    None without such an answer or choice.
+    """Find the choice, as JSON, that has the setting of a run, in the answer for its engine and
+    step; None without such an answer or choice.
 
     alpha: s/m; None: the study's main one.
     """

@@ -219,7 +219,10 @@ def heads(gravity: float) -> tuple[str, ...]:
 
 def rankings(by_gravity: Views) -> list[Cells]:
     """`ranking` under each gravity."""
-    return [row for view in by_gravity.shown for row in ranking(view, by_gravity.with_gravity)]
+    rows: list[Cells] = []
+    for view in by_gravity.shown:
+        rows += ranking(view, by_gravity.with_gravity)
+    return rows
 
 
 def ranking(view: View, with_gravity: View | None = None) -> list[Cells]:

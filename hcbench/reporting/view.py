@@ -213,14 +213,18 @@ class View:
         return [run for run in group if run == nearest[run.engine, run.setting]]
 
     def is_plugin(self, run: RunKey) -> bool:
-        """Does it need code of ours in the user's loop, rather than numbers in the user's model?"""
+        """Say whether the run needs code of hcbench in the user's loop, rather than numbers in the
+        user's model.
+        """
         return run in self._plugins
 
     @cached_property
     def _plugins(self) -> set[RunKey]:
-        return {
-            self.run_of(record) for record in self.results.settings if "law" in record["options"]
-        }
+        plugins = set()
+        for record in self.results.settings:
+            if "law" in record["options"]:
+                plugins.add(self.run_of(record))
+        return plugins
 
     @cached_property
     def plot_styles(self) -> dict[tuple[str, str], PlotStyle]:

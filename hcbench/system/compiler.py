@@ -98,10 +98,12 @@ def is_whole(library: Path) -> bool:
     """
     digest = library.with_suffix(".sha256")
     try:
-        ours = all(
-            stat.S_ISREG(s.st_mode) and _is_ours(s) for s in (library.lstat(), digest.lstat())
-        )
-        return ours and digest.read_text(encoding="ascii") == _digest(library)
+        for path in (library, digest):
+            # Of the path itself: a link may lead anywhere.
+            status = path.lstat()
+            if not stat.S_ISREG(status.st_mode) or not _is_ours(status):
+                return False
+        return digest.read_text(encoding="ascii") == _digest(library)
     except (OSError, ValueError):
         return False
 

@@ -1,4 +1,4 @@
-"""The project's addresses and its documentation: what a page or a help text can send a reader to."""
+"""Addresses and documentation of the project, to which a page or a help text can send a reader."""
 
 from __future__ import annotations
 

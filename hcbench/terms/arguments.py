@@ -186,9 +186,8 @@ def _spelled_out(function: Callable[..., Any]) -> inspect.Signature:
         return signature
     options = get_args(eval(parameters.pop().annotation, function.__globals__))[0]
     keyword = inspect.Parameter.KEYWORD_ONLY
-    parameters += [
-        inspect.Parameter(name, keyword, default=None) for name in get_type_hints(options)
-    ]
+    names = get_type_hints(options)
+    parameters += [inspect.Parameter(name, keyword, default=None) for name in names]
     return signature.replace(parameters=parameters)
 
 

@@ -316,7 +316,7 @@ def _scene(file: _File, folder: Path) -> Scene:
 
 
 def _model(folder: Path, engine: str, role: str, name: str) -> Path:
-    """The path of a model file in a scene's folder. Raises SceneError where it is not there.
+    """Path of a model file in the folder of a scene. Raises SceneError where it is not there.
 
     engine, role: what the file is for, for the error. name: of the file, relative to the folder.
     """

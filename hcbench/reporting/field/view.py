@@ -90,11 +90,12 @@ class FieldView:
 
     @cached_property
     def folded(self) -> dict[Case, Folded]:
-        """Each case's impacts."""
-        return {
-            self._case(dict(zip(RUN_KEY, key, strict=True))): folded
-            for key, folded in self._of_main
-        }
+        """Impacts of each case, folded over speed, under the α that the page is about."""
+        of_case = {}
+        for key, folded in self._of_main:
+            values = dict(zip(RUN_KEY, key, strict=True))
+            of_case[self._case(values)] = folded
+        return of_case
 
     @property
     def _of_main(self) -> list[tuple[Key, Folded]]:
