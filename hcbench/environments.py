@@ -311,7 +311,7 @@ def _run_uv(arguments: Sequence[str], folder: Path) -> subprocess.CompletedProce
     """Run uv in a folder, with the user's own settings of indexes, and interpreters of this machine
     only; return its exit code and output, also where it failed.
 
-    Raises CannotRun where uv is not installed.
+    arguments: words of the command after "uv". Raises CannotRun where uv is not installed.
     """
     try:
         import uv

@@ -35,7 +35,8 @@ class LoopScore:
     rms: distance in force at equal penetration and branch, root mean square over the loop's path in x, over
         the law's largest force.
     area_ratio: of the energy lost; NaN for a law without damping, which encloses no area.
-    touch_force, parting_force: the force at x = 0 that the first and last two samples point to, over
+    touch_force, parting_force: the force at x = 0 that the first and last two samples point to,
+    over
         the largest.
     tension_share: the share of the impulse that pulls.
     samples: steps in contact.
@@ -270,7 +271,7 @@ class Tally:
         """Add one or more impacts; all phases of a launch have to come in one call.
 
         some: columns of shape (n,), speeds in m/s. Impacts that neither parted nor came to rest are
-        counted, and change no other figure than the ends of the band of speeds.
+        counted, and change no other figure than the lowest and the highest launch speed.
         """
         good = some.parted | some.rested
         speed_in = some.speed_in[good]

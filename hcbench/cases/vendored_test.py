@@ -24,7 +24,11 @@ class TestBounces(unittest.TestCase):
 
 
 def _test(variant: int, case: hcbench_cases.Json) -> object:
-    """The test of a case in an engine."""
+    """The test of a case in an engine, as a method of a test class.
+
+    variant: place of the engine in the adapter's ENGINES. The test fails for a failure or a pass
+    that is not in known.json, and is skipped for one that is.
+    """
 
     def test(self: TestBounces) -> None:
         alone = {**CASES, "cases": [case]}

@@ -37,7 +37,8 @@ _SPEEDS = 5
 
 
 def _number(low: float, high: float, expected: str) -> PlainValidator:
-    """A validator that reads a number of low ... high, and takes neither text nor true or false.
+    """A validator that reads a number of low ... high, and takes neither text nor true or false:
+    for these it raises Pydantic's error of `mistake`.
 
     expected: the words of its error.
     """

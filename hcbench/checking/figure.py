@@ -18,9 +18,10 @@ from hcbench.system.text import sanitized
 
 
 def errors_png(report: Report) -> bytes:
-    """Plot of e less what is wanted, over approach speed: a panel a check; the PNG's bytes.
+    """A picture of the errors of e, measured less target, over approach speed, m/s: a panel a
+    check; the bytes of a PNG.
 
-    Checks without points are left out; without any, it says so.
+    Checks without points are left out; without any, the picture says so.
     """
     outcomes = [outcome for outcome in report.outcomes if outcome.rows]
     with figure_defaults():

@@ -137,7 +137,7 @@ def judge(check: Check, measurement: Measurement) -> Outcome:
 def _against(check: Check, rows: Sequence[CurvePoint]) -> str:
     """The target in words. An uncertain α is named with the error of e that it allows.
 
-    rows: points of the measured curve; their impact speeds, m/s, decide on that error.
+    rows: points of the measured curve; that error is the largest at their impact speeds, m/s.
     """
     wanted = check.wanted
     speeds = np.array([row.speed_in for row in rows if not math.isnan(row.speed_in)])
@@ -151,9 +151,10 @@ def _against(check: Check, rows: Sequence[CurvePoint]) -> str:
 
 
 def _wanted(check: Check, measurement: Measurement) -> Callable[[Impact], float]:
-    """e wanted of an impact, as a function; NaN where it is held against nothing.
+    """Function that gives the target e of an impact; NaN for one that is held against nothing.
 
-    Raises UserError for a baseline of another engine.
+    check: has a curve over speed, a baseline, or neither. Raises UserError for a baseline of
+    another engine.
     """
     if check.baseline is not None:
         return _wanted_of_baseline(check.baseline, measurement.facts.engine)

@@ -331,10 +331,10 @@ def read_max_error(value: Quantity | None, default: float = MAX_ERROR) -> float:
 
 
 def read_rest_limits(depth: Quantity | None, vibration: Quantity | None) -> RestLimits | None:
-    """Most of the penetration, m, and vibration, m/s, at rest; None where neither is limited.
+    """Limits of the penetration, m, and vibration, m/s, at rest; None where neither is limited.
 
-    Text may have units. Raises QuantityError for a value below 0 and for text that is not a
-    quantity.
+    depth, vibration: numbers in SI, or text with units. Raises QuantityError for a value below 0
+    and for text that is not a quantity.
     """
     if depth is None and vibration is None:
         return None

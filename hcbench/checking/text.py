@@ -85,7 +85,11 @@ def _table(outcome: Outcome) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
 
 
 def _cells(row: CurvePoint, is_oblique: bool) -> tuple[str, ...]:
-    """Cells of one point: speeds in m/s, the angle in degrees; "" for an angle where all is normal."""
+    """Cells of one point of a curve: speeds in m/s, the angle in degrees, e and its range over the
+    phases, target and errors; a dash for a number that there is not.
+
+    is_oblique: whether any launch of the check is; the angle is "" where none is.
+    """
     # The difference of the two numbers as they are printed, so that the row adds up for its reader.
     error = round(row.restitution, _DECIMALS) - round(row.target, _DECIMALS)
     angle = ""

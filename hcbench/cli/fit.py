@@ -200,8 +200,8 @@ def _require_together(
     timestep: float | None,
     write_scene: Path | None,
 ) -> None:
-    """Raise UserError without files, for an unknown kind of data, and where only one of --engine and
-    --timestep is given, or neither for a scene to write.
+    """Raise UserError without files, for an unknown kind of data, and where only one of --engine
+    and --timestep is given, or neither for a scene to write.
     """
     from hcbench.fitting.read import KINDS
 

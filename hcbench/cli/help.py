@@ -177,7 +177,9 @@ class Command(click.Command):
     """A command whose help has its options in groups."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Read the arguments; an old name of an option is taken with a hint."""
+        """Read the words after the command's name, with old names of options replaced by today's,
+        and a hint for each on stderr; return the words that are left.
+        """
         old_names = OLD_FLAGS.get(self.name or "", {})
         named = []
         for word in args:
@@ -398,9 +400,10 @@ def _known(page: str, names: list[str]) -> str:
 
 
 def _section(text: str, anchor: str) -> str:
-    """The part of a page from a heading to the next one that is not below it.
+    """The part of a page, Markdown, from a heading to the next one that is not below it.
 
-    anchor: of the heading, as in the page's address. Raises UserError where the page has none such.
+    text: of the page. anchor: of the heading, as in the page's address. Raises UserError where the
+    page has none such.
     """
     headings = list(_HEADING.finditer(text))
     anchors = [re.sub(r"[^\w-]", "", h[2].lower().replace(" ", "-")) for h in headings]

@@ -125,7 +125,10 @@ def law(
 
 
 def _alphas(known: MaterialPair | None, given: tuple[Floats, ...]) -> list[float]:
-    """α, s/m: that of the material, or those given. Raises UserError for none."""
+    """α, s/m: that of the material, or all that were given. Raises UserError for neither.
+
+    known: the material that the user named, None without one.
+    """
     import numpy as np
 
     if known is not None:

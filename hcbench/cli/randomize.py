@@ -100,7 +100,9 @@ def randomize(
 
 
 def _record(drawn: RandomWorlds) -> dict[str, Any]:
-    """The worlds as `--json` prints them, SI."""
+    """The worlds as `--json` prints them: what was drawn, the certificate's errors of e and μ with
+    their p-values, and the pair at rest; SI.
+    """
     return {
         "schema": 1,
         **drawn.about,
@@ -170,8 +172,8 @@ def _p(chance: float) -> str:
 
 
 def _table(drawn: RandomWorlds) -> list[str]:
-    """Lines of a table of the pair at rest: each quantity in the model as it was, and in the worst of
-    the worlds at the ends of the band of friction, in the unit that is printed.
+    """Lines of a table of the pair at rest: each quantity in the model as it was, and in the worst
+    of the worlds at the ends of the band of friction, in the unit that is printed.
     """
     from hcbench.sim.rest import QUANTITIES
 

@@ -118,7 +118,8 @@ def tune_engine(
 
 
 def _next_line(answer: Answer, script: Path | None, material: str | None) -> str:
-    """The command that shows how the pasted text does: on the script, or on the user's model.
+    """The command to type next, which measures how the setting does: on the script that was
+    written, or on the user's own model.
 
     script: where the scene was written; None where it was not. material: as it was typed.
     """
@@ -177,7 +178,9 @@ def _require(answer: Answer, max_error: float, gate: Passivity | None) -> None:
 
 
 def _gate(answer: Answer) -> Passivity:
-    """Run the whole test for energy on the best choice, in the plain engine."""
+    """Run the whole test for energy on the best setting of an answer, in the plain engine, also
+    with a train of bounces; it takes about a minute. Raises what the engine raises.
+    """
     from hcbench.sim import registry
     from hcbench.sim.passivity import LongestTrain
 

@@ -248,9 +248,9 @@ def energy_loss(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats
 
 
 def penetration_max(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
-    """x_m in m, where v = 0; shape of `speed` (v_i, m/s). mass: kg.
+    """Largest penetration x_m of an impact, m, where the body turns; shape of `speed` (v_i, m/s).
 
-    Raises UserError for a mass that is not above 0 and for a speed below 0.
+    mass: kg. Raises UserError for a mass that is not above 0 and for a speed below 0.
     """
     m = _positive("mass", mass, "kg")
     v = _not_negative("speed", speed, "m/s")
@@ -260,10 +260,11 @@ def penetration_max(law: HuntCrossley, mass: float, speed: Floats | float) -> Fl
 
 
 def force_max(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
-    """Largest F over the loop in N, on the way in before x_m; shape of `speed` (v_i, m/s). mass:
-    kg.
+    """Largest force of an impact, N, which acts on the way in, before the deepest point; shape of
+    `speed` (v_i, m/s).
 
-    dF/dt = 0 is n m v = a k x^(n+1), which on the path is n y + (n + 1) g(y) = (n + 1) g(a v_i).
+    mass: kg. With a = (3/2) α, y = a v and g(y) = y - ln(1 + y): dF/dt = 0 is n m v = a k x^(n+1),
+    which on the path is n y + (n + 1) g(y) = (n + 1) g(a v_i).
     Raises UserError for a mass that is not above 0 and for a speed below 0.
     """
     m = _positive("mass", mass, "kg")
@@ -283,9 +284,11 @@ def rate_at(
     penetration: Floats | float,
     branch: Literal["approach", "rebound"],
 ) -> Floats:
-    """v in m/s at penetrations (m) on the way in (> 0) or out (< 0), same shape; NaN beyond x_m.
+    """v in m/s at penetrations (m) on the way in (v > 0) or out (v < 0), same shape; NaN beyond the
+    largest penetration, and for one below 0.
 
-    mass: kg, above 0. speed: v_i, m/s; at 0 there is no motion, and all is NaN.
+    mass: kg, above 0. speed: v_i, m/s; at 0 there is no motion, and all is NaN. branch: "approach",
+    the way in, or "rebound", the way out.
     Raises UserError for a mass that is not above 0 and for a speed below 0.
     """
     x = np.asarray(penetration, dtype=np.float64)
@@ -354,7 +357,10 @@ def _elastic_at_one(stiffness: float, exponent: float, mass: float) -> float:
 
 def _time_scale(law: HuntCrossley, mass: float, speed: Floats) -> Floats:
     """T0 = 2 x_m / ((n + 1) v_i sqrt(G)), s, by which times along the path are scaled; shape of
-    `speed`.
+    `speed` (v_i, m/s).
+
+    G = 2 (d - ln(1 + d))/d² with d = (3/2) α v_i. mass: kg, above 0; a speed is above 0, which is
+    not checked.
     """
     root = np.sqrt(g_ratio(np.asarray(law.dissipation * speed)))
     return np.asarray(
@@ -388,11 +394,12 @@ def loop(law: HuntCrossley, mass: float, speed: float, count: int = 401) -> Loop
 
 
 def _elapsed(law: HuntCrossley, speed: float, count: int) -> Floats:
-    """Time from touch over T0, at each of `count` even θ in 0 ... π; shape (count,). speed: v_i,
-    m/s.
+    """Time from the touch, over T0 of `_time_scale`, at each of `count` even θ in 0 ... π; shape
+    (count,). speed: v_i, m/s.
 
-    It is ∫ sin(θ)^-p (q/y) dθ from 0, p = (n-1)/(n+1). Gauss-Legendre panel by panel; the first and
-    the last panel take the end's θ^-p as a Jacobi weight.
+    θ runs along the impact: q = ±sqrt(2 g(y)) is Q cos θ, Q at the touch, with y = (3/2) α v and
+    g(y) = y - ln(1 + y). The time is ∫ sin(θ)^-p (q/y) dθ from 0, p = (n-1)/(n+1). Gauss-Legendre
+    panel by panel; the first and the last panel take the end's θ^-p as a Jacobi weight.
     Raises UserError for an α v above 1000.
     """
     p = (law.exponent - 1.0) / (law.exponent + 1.0)

@@ -383,8 +383,10 @@ def _needed(slot: str, value: float | None, unit: str) -> float:
 
 
 def _alpha_of(e: float, speed: float | None, reading: Reading) -> float:
-    """α in s/m of the law that has this e at this speed (m/s). Raises UserError without a speed, and
-    for an e outside 0 < e <= 1.
+    """α in s/m of the contact that has this e at this speed (m/s).
+
+    reading: "law" if e is that of eq. (16), "linear" if it is 1 - α v. Raises UserError without a
+    speed, and for an e outside 0 < e <= 1.
     """
     if speed is None:
         raise UserError(

@@ -83,10 +83,10 @@ def summarize(
 
 
 def _warnings(law: HuntCrossley, speed: float, shear: float | None) -> tuple[str, ...]:
-    """Sentences on an impact outside the paper's range.
+    """Sentences on an impact outside the paper's range; empty for one within it.
 
-    speed: m/s.
-    shear: largest shear stress, Pa; None if the exponent is another than that of spheres.
+    speed: at the impact, m/s. shear: largest shear stress, Pa; None if the exponent is another than
+    that of spheres.
     """
     warnings = []
     # The margin lets 20 in/s itself pass, whatever unit it was converted from.

@@ -82,6 +82,7 @@ def damping_ratio_for(e: float, ending: Ending) -> float:
 def matched(e: float, duration: float, mass: float, ending: Ending) -> KelvinVoigt:
     """The spring and damper that give restitution e and contact time `duration` (s) to `mass` (kg).
 
+    ending: whether the contact ends at x = 0 (SURFACE) or at F = 0 (FORCE).
     Raises UserError for an e outside 0 < e <= 1 and for a duration or mass that is not above 0.
     """
     positive("duration", duration, "s")
@@ -158,9 +159,10 @@ def bounce(law: KelvinVoigt, mass: float, speed: float, ending: Ending) -> Kelvi
 def state(
     law: KelvinVoigt, mass: float, speed: float, time: Floats | float
 ) -> tuple[Floats, Floats]:
-    """x (m) and v (m/s) at times since touch (s), as if the two never parted; shapes of `time`.
+    """x (m) and v (m/s) at times since touch (s), as if the two never parted; shape of `time` each.
 
-    mass: kg. speed: v_i, m/s. v > 0 on approach. Raises UserError for a mass that is not above 0.
+    law: a spring and damper, F = k x + c v. mass: kg. speed: v_i, m/s. v > 0 on approach. Raises
+    UserError for a mass that is not above 0.
     """
     zeta = damping_ratio(law, mass)
     omega = np.sqrt(law.stiffness / mass)
@@ -175,8 +177,8 @@ def state(
 def loop(law: KelvinVoigt, mass: float, speed: float, ending: Ending, count: int = 401) -> Loop:
     """Loop of one contact: `count` points even in time of x, m, v, m/s, and F, N; Fig. 1(a).
 
-    mass: kg.
-    speed: impact speed, m/s.
+    mass: kg. speed: impact speed, m/s. ending: whether the contact ends at x = 0 (SURFACE) or at F
+    = 0 (FORCE).
     Raises UserError for a mass or speed that is not above 0, and for a contact that never ends: x =
     0 needs a damping ratio below 1.
     """

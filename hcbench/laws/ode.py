@@ -136,7 +136,9 @@ def _depth_scale(law: ForceLaw, mass: float, speed: float) -> float:
 
 
 def _force_over_units(law: ForceLaw, depth: float, speed: float) -> Force:
-    """The force in N as a function of x/X and v/v_i. depth: X, m. speed: v_i, m/s."""
+    """The force law, N, as a function of penetration over `depth` (X, m) and of its rate over
+    `speed` (v_i, m/s).
+    """
 
     def force(xi: Floats | float, eta: Floats | float) -> Floats:
         """F, N, over penetration and rate in units of the depth scale and of the impact speed."""

@@ -1,5 +1,5 @@
-"""A root in a bracket and a minimum between bounds, of a function of one number; the numbers nearest
-to others that rise.
+"""A root in a bracket and a minimum between bounds, of a function of one number; the numbers
+nearest to others that rise.
 
 Importing scipy.optimize takes longer than all else that a command for a root does, and as long as
 all else that measuring a model does.
@@ -192,8 +192,8 @@ def _to_vertex(
 
 
 def rising(values: Iterable[float]) -> list[float]:
-    """The numbers nearest to these by least squares that do not fall (isotonic regression); as many,
-    in their order.
+    """The numbers nearest to these by least squares that do not fall (isotonic regression); as
+    many, in their order.
 
     Neighbours that fall are replaced by their mean until none do: pool adjacent violators, M. Ayer
     and others 1955. SciPy's takes longer to import.

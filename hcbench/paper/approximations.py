@@ -39,9 +39,10 @@ def speed_at(
 
 
 def inward_share(u: Floats | float) -> Floats:
-    """Share of the loop's area that the way in takes, over u = α v_i, same shape; 1/2 at u = 0.
+    """Share of the energy lost that the way in takes, over u = α v_i, same shape; 1/2 at u = 0.
 
-    Raises UserError for a u below 0.
+    Of ½ m v_i², the way in takes 1 - G, G = 2 (d - ln(1 + d))/d² with d = 1.5 u, and both take 1 -
+    e². Raises UserError for a u below 0.
     """
     d = 1.5 * within("u", u, 0.0, np.inf, "α v_i of 0 or more")
     s = one_minus_restitution(d)
@@ -229,7 +230,8 @@ def quadratic_restitution(
 def turning_point(u: Floats | float) -> Floats:
     """z of f(z) = (9/8) u² over u = α v_i, same shape; 1.5 u where u is small.
 
-    f(z) = 1 + (z - 1) e^z. u: 0 or more, not checked.
+    It stands for the depth x at which a body turns whose damping grows with v² (q = 2): z is
+    b x^((n+1)/2), a pure number, b of the law. f(z) = 1 + (z - 1) e^z. u: 0 or more, not checked.
     """
     s = 1.125 * np.asarray(u, dtype=float) ** 2
     wanted = np.sqrt(2.0 * s)

@@ -139,9 +139,11 @@ def simulate_in_engine(
 def _simulate(
     name: str, blocks: TwoBlocks, position: float, velocity: float, forces: Floats
 ) -> tuple[Floats, Floats]:
-    """(positions, m; velocities, m/s) of the ball between two blocks, in the worker process.
+    """(positions, m; velocities, m/s) of the ball between two blocks, shape (n + 1,) each, in the
+    worker process of an engine.
 
-    name: of the engine. The rest is as of `simulate` in its two_blocks.py, SI.
+    name: of the engine. position, m, velocity, m/s: at the start. forces: on the ball in each step,
+    N, shape (n,).
     """
     states: tuple[Floats, Floats]
     states = registry.submodule(name, "two_blocks").simulate(blocks, position, velocity, forces)
@@ -207,7 +209,8 @@ def figure_6() -> Figure:
 def _cycle(system: VibroImpact, velocity: float) -> SimulatedMotion:
     """One cycle of free motion from the middle: until it is crossed in the same direction again.
 
-    velocity: at the start, above 0, in the sketch's own units, of which a cycle takes less than 10.
+    velocity: at the start, above 0. All numbers are in the sketch's own units, of which a cycle
+    takes less than 10.
     """
     run = simulate(system, 0.0, velocity, 10.0, step_max=0.03)
     forward = (run.position[1:] >= 0.0) & (run.position[:-1] < 0.0)

@@ -77,7 +77,8 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
 def outcome(
     module: TossModule, setting: ContactSetting, values: tuple[float, ...], bounces: MeasuredBounces
 ) -> SettingErrors:
-    """Errors of an engine's setting: of the ratio of tangential speeds after and before.
+    """Errors of an engine's setting, of the ratio of tangential speeds after and before, over the
+    throws of the first figure.
 
     module: `toss` of the engine. values: of the setting's parameters. bounces: all throws. Raises
     what the engine raises.
@@ -103,11 +104,11 @@ def rigid(bounces: MeasuredBounces, e: float, friction: float) -> SettingErrors:
 
 
 def judged(bounces: MeasuredBounces, later: Floats, spin: Floats) -> SettingErrors:
-    """Errors over the throws of the first figure alone: of the tangential speed after over that
-    before.
+    """Errors over the throws of the first figure alone: difference of the tangential speed after
+    over that before from the measured ratio.
 
-    later, spin: velocities (m/s) and spins (rad/s) after all throws, shape (n, 3); spins count
-    nothing.
+    bounces: all throws. later, spin: velocities (m/s) and spins (rad/s) after them, shape (n, 3);
+    spins count nothing.
     """
     n = len(TANGENTIAL)
     away = np.abs(later[:n, 0] / bounces.velocity[:n, 0] - TANGENTIAL[:, 1])

@@ -246,11 +246,11 @@ def _arc(time: Floats, place: Floats, spin: Floats) -> tuple[Floats, float, floa
 def outcome(
     module: TossModule, setting: ContactSetting, values: tuple[float, ...], bounces: MeasuredBounces
 ) -> SettingErrors:
-    """Absolute errors of the normal speed after, m/s, of an engine's setting; a ball that does not
-    leave has a speed of 0.
+    """Absolute errors of the normal speed after each bounce, m/s, of an engine's setting; a ball
+    that does not leave has a speed of 0.
 
-    module: `toss` of the engine. values: of the setting's parameters. Raises what the engine
-    raises.
+    module: `toss` of the engine. values: of the setting's parameters. bounces: measured ones.
+    Raises what the engine raises.
     """
     later, _ = bounced(module, setting, values, body(), bounces, TIMESTEP, DURATION)
     return _judged(bounces, later)

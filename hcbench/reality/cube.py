@@ -349,7 +349,7 @@ def as_motion(number: int, rows: Floats, corrections: Corrections = CORRECTED) -
     """A toss in metres and seconds, with the plate at z = 0.
 
     number: of the toss. rows: a frame each, (n, 7): position in half widths and quaternion w first,
-    as published.
+    as published. corrections: of the published lengths and inertia.
     """
     time = np.arange(len(rows), dtype=np.float64) * PERIOD
     place = rows[:, :3] * HALF_WIDTH * corrections.scale

@@ -120,10 +120,10 @@ def _flights(height: Floats) -> list[tuple[int, int]]:
 
 
 def _of_motion(body: Body, motion: Motion) -> Iterator[ImpactRead]:
-    """Impacts of a box's motion, each at the vertex that is lowest after the flight before.
+    """Impacts of a box's motion, each at the vertex that is lowest just after the flight before.
 
-    Two flights that are too short, too far apart or without a frame between them are left out, and
-    impacts that no unknowns fit.
+    Left out are pairs of flights of which one is too short, that are too far apart or without a
+    frame between them, and impacts that no unknowns fit.
     """
     corners = vertices(body)
     up = rotation(motion.quaternion).as_matrix()[:, 2, :]

@@ -353,8 +353,8 @@ def bounced(
 def _launches(body: Body, bounces: MeasuredBounces, timestep: float, duration: float) -> list[Toss]:
     """Tosses that begin a step or two before the touch, each in another phase of the step.
 
-    timestep, duration: s. The state at the touch is followed back through free flight. The same
-    bounces have the same phases.
+    bounces: states at the touch, which are followed back through free flight. timestep, duration:
+    s. The same bounces have the same phases.
     """
     phases = np.random.default_rng(0).random(len(bounces))
     tosses = []

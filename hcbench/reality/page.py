@@ -365,7 +365,9 @@ _FEW_STEPS = 5
 
 
 def name_of(score: SettingScore) -> str:
-    """A setting as figures and tables call it."""
+    """A setting, or a floor, as figures and tables call it: engine, setting and cone of
+    friction.
+    """
     words = score.setting
     if score.engine != NO_ENGINE:
         words = f"{engine_title(score.engine)}, {score.setting}"

@@ -223,7 +223,8 @@ def _draw_law(axes: Axes, view: View, alpha: float) -> None:
 
 
 def _draw_curve(axes: Axes, view: View, run: RunKey, curve: Curve, nth: int) -> None:
-    """Draw one setting: mean e over impact speed, with the band that the phases span.
+    """Draw one setting: mean e over impact speed, m/s, with the band that the phases span, if it is
+    wide enough to be seen.
 
     curve: of the setting. nth: place of the setting in the figure, which shifts its marks.
     """

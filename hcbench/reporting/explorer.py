@@ -95,7 +95,8 @@ class LoopStore:
 
 
 def explorer(by_gravity: Views) -> Explorer | None:
-    """The explorer of a report; None where no engine ran over a band.
+    """The explorer of a report, the interactive part of its page; None where no engine ran over a
+    band of speeds.
 
     Its choice is the best of the answer that the page opens with, or, where `tune` has no answer
     there, the command that finds one.
@@ -129,8 +130,8 @@ def _sentences_once(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def explorer_data(by_gravity: Views) -> dict[str, Any]:
-    """Everything that the explorer knows, JSON-able, SI, by the names that its script reads; {}
-    where no engine ran over a band.
+    """Everything that the explorer's script reads, by its names, JSON-able, SI; {} where no engine
+    ran over a band of speeds.
     """
     ran = _conditions_run(by_gravity)
     if not ran:
@@ -185,7 +186,9 @@ def explorer_data(by_gravity: Views) -> dict[str, Any]:
 
 
 def _conditions_run(by_gravity: Views) -> list[_Where]:
-    """Gravity, engine, step and α of everything that ran over a band."""
+    """(gravity, m/s², engine, step, s, α, s/m) of every run over a band of speeds that has a score,
+    in the study's order; those of the reference are left out.
+    """
     ran: list[_Where] = []
     for shown in by_gravity.shown:
         for run in shown.band_runs:
@@ -363,7 +366,7 @@ def _drawn(view: View, run: RunKey) -> dict[str, str]:
 
 
 def _scans(view: View) -> list[dict[str, Any]]:
-    """Largest errors over the time step at one speed, for the main α.
+    """Largest errors of e over the time step at one speed, a record for each run, for the main α.
 
     Steps are s, rising. The reference, which is the law itself, is left out.
     """

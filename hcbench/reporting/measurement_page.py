@@ -243,8 +243,8 @@ def explorer_of(measurement: Measurement) -> Explorer | None:
 
 
 def _measured(impacts: Sequence[Impact], curve: Curve, loops: LoopStore) -> dict[str, Any]:
-    """The curve as the script takes it, by the impacts whose loops there are; a speed without one
-    has the mean e of its phases, no steps and the loop number -1.
+    """The measured curve as the page's script takes it. Each speed with a loop shows the impact of
+    that loop; one without has the mean e of its phases, 0 steps and the loop number -1.
 
     impacts: with loops, at most one for each speed of the curve, and one at least.
     curve: points along the normal.

@@ -361,9 +361,9 @@ def curves_of(figure: Figure) -> pd.DataFrame:
 
 
 def _shared(axes: Axes, which: str) -> str:
-    """The name that another panel gives to an axis which it shares with this one; "" without one.
+    """The name that another panel gives to the axis which it shares with this one; "" without one.
 
-    which: "x" or "y".
+    which: "x" or "y", of the axes of both panels.
     """
     group = axes.get_shared_x_axes() if which == "x" else axes.get_shared_y_axes()
     for other in group.get_siblings(axes):

@@ -213,7 +213,7 @@ def second_axis(
 
 
 def log_axis(axes: Axes, which: Literal["x", "y"]) -> None:
-    """Make an axis logarithmic, with powers of ten alone as ticks, labelled as "10⁻³"."""
+    """Make an axis, x or y, logarithmic, with powers of ten alone as ticks, labelled as "10⁻³"."""
     if which == "x":
         axes.set_xscale("log")
         axis: Axis = axes.xaxis

@@ -98,8 +98,8 @@ def _more(answer: Mapping[str, Any], choice: Mapping[str, Any]) -> Iterator[str]
 
 
 def answered(view: View) -> Iterator[Mapping[str, Any]]:
-    """The answers, as JSON, for the engines and steps that ran over a band, under the view's
-    gravity.
+    """The answers of `hcbench tune`, as JSON, under the view's gravity, for the engines and steps
+    that ran over a band of speeds.
     """
     ran = {(run.engine, run.timestep) for run in view.band_runs}
     for answer in view.answers.values():
@@ -112,8 +112,9 @@ def answered(view: View) -> Iterator[Mapping[str, Any]]:
 def answer_of(
     view: View, engine: str, timestep: float, alpha: float | None = None
 ) -> Mapping[str, Any] | None:
-    """The answer of `tune` for an engine, a step, s, and an α, s/m, None the view's main one; None
-    where no answer is known.
+    """The answer of `tune`, as JSON, for an engine, a step and an α; None where no answer is known.
+
+    timestep: s. alpha: s/m; None for the view's main one.
     """
     return view.answers.get(
         (engine, timestep, f"{view.main_alpha if alpha is None else alpha:.9g}")
@@ -208,7 +209,8 @@ def over_constant(view: View, run: RunKey, alpha: float) -> float:
 
 
 def grade(view: View, ratio: float) -> str:
-    """ "good", "even" or "bad" against the best constant e.
+    """ "good" for an error below that of the best constant e, "even" for one about as large, else
+    "bad".
 
     ratio: of the largest error to the best constant's; NaN is "bad".
     """

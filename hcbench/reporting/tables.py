@@ -57,7 +57,9 @@ class Views(NamedTuple):
 
 
 def views(results: Results) -> Views:
-    """The views of a study. With gravity is the strongest, where it has several."""
+    """The views of a study: under its strongest gravity, without gravity, and of the impacts with
+    friction; None for one that it does not have.
+    """
     gravities = {float(record["gravity_m_per_s2"]) for record in results.settings}
     strongest = max(gravities, default=0.0)
     with_gravity = None
@@ -351,7 +353,9 @@ class PastedTexts:
     """
 
     def __init__(self, by_gravity: Views) -> None:
-        """Make the texts to paste for the settings of one study, for a ball on a floor."""
+        """Make the texts to paste for the settings of one study, under every gravity that the page
+        shows, for a ball on a floor.
+        """
         self.stored: list[str] = []
         self.settings: dict[str, Cells] = {}
         self._places: dict[tuple[float, RunKey, float], int] = {}

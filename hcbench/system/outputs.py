@@ -284,8 +284,8 @@ def _is_json(content: bytes) -> bool:
 
 
 def _frame(content: bytes, option: str, digest: bytes) -> bytes:
-    """The mark in the form that a file takes: a chunk of a PNG, the comment of a ZIP archive, a last
-    key of JSON, else a line of comment.
+    """The mark in the form that a file takes: a chunk of a PNG, the comment of a ZIP archive, a
+    last key of JSON, else a line of comment.
 
     content: of the file, marked or not, by whose beginning its form is known. option: the one that
     writes the file. digest: of all else in it, in hexadecimal.

@@ -76,8 +76,8 @@ def joined_names(names: Sequence[str]) -> str:
 
 
 def split_names(text: str) -> list[str]:
-    """Names of "a,b"; one with a comma in it is quoted, as in '"a, left",b'. The inverse of
-    `joined_names`. Empty for a name that is too long.
+    """The names in a text "a,b"; one with a comma in it is quoted, as in '"a, left",b'. The inverse
+    of `joined_names`. Empty for a name that is too long.
     """
     if '"' not in text:
         return text.split(",")

@@ -157,10 +157,11 @@ class Launch:
         height: float | None = None,
         spin: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> Launch:
-        """One that is sent at an angle from the normal, rad: its slip, along the direction that it
-        is sent in, is tan(angle) times the speed, which is along the normal.
+        """A launch at an angle from the normal, rad: its slip, along the direction that it is sent
+        in, is tan(angle) times the speed, which is along the normal, m/s.
 
-        Raises QuantityError as `Launch`, and for an angle that does not lie between -90 and 90 deg.
+        phase, height, spin: as of `Launch`. Raises QuantityError as `Launch`, and for an angle that
+        does not lie between -90 and 90 deg.
         """
         _require_real("angle", angle)
         _require_real("speed", speed)
@@ -404,8 +405,8 @@ class Impact:
 
 
 def not_finite(x: Floats, v: Floats, f: Floats) -> NDArray[np.bool_]:
-    """Mask of the places at which any of three arrays, of one shape, is not finite; of shape () if
-    all numbers are finite.
+    """Mask of the places at which any of three arrays, x, v and f, of one shape, is not finite; of
+    shape () if all numbers are finite.
     """
     # The sum is finite nearly always, and takes a tenth of the time.
     if np.isfinite(x.sum() + v.sum() + f.sum()):

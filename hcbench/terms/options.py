@@ -269,8 +269,8 @@ class CheckOptions(TargetOptions, SharedOptions, MotionOptions, total=False):
 
 
 def _options_of(declared: type) -> dict[str, Option]:
-    """The option of each annotation `Annotated[type, Option]` of a TypedDict, by name; its flag is
-    the name, with dashes, unless it states another.
+    """The options that a TypedDict declares by annotations `Annotated[type, Option]`, by name; the
+    flag of each is its name, with dashes, unless the option states another.
     """
     options: dict[str, Option] = {}
     for name, hint in get_type_hints(declared, include_extras=True).items():

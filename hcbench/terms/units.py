@@ -506,7 +506,8 @@ def parse_spin(value: object, slot: str = "spin") -> tuple[float, float, float]:
     """Angular velocity, rad/s, about the directions of `Launch`: along, across and the normal.
 
     value: three numbers, or one about that across, with which the body rolls on; as numbers or as
-    text with a unit. Raises QuantityError as `parse_values`, and for any other count.
+    text with a unit. slot: what to call it in an error. Raises QuantityError as `parse_values`, and
+    for any other count.
     """
     spin = parse_values(value, "spin", slot).tolist()
     if len(spin) not in (1, 3):

@@ -118,9 +118,9 @@ def map_surviving_crashes(
 
     function: `function(jobs, *args)` yields one result for each job, in order.
     lost: makes the result of a job that the worker died on, from the job and the reason.
-    limit: s of processor time for each job.
-    together: how many jobs `function` has under way at a time; those that a crash interrupted are
-        run one by one, to find the one that causes it.
+    limit: s of processor time for each job. together: how many jobs `function` has under way at a
+    time;
+        those that a crash interrupted are run one by one, to find the one that causes it.
     give_up: crashes in a row, with no result in between, after which no other job is tried.
     at: as for `call`.
 

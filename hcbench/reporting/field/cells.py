@@ -328,10 +328,9 @@ def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str
 
 
 def _row(view: FieldView, engine: str, gravity: float, timestep: float) -> dict[str, MatrixCell]:
-    """One engine's cells by column, see COLUMNS.
+    """One engine's cells by column, see COLUMNS, under one condition.
 
-    gravity: m/s².
-    timestep: s.
+    engine: with its version. gravity: m/s². timestep: s.
     """
     here = (engine, gravity, timestep)
     own = view.best(*here)
@@ -452,7 +451,8 @@ def _slow(view: FieldView, own: Case | None, plugin: Case | None) -> MatrixCell:
 def _loop(view: FieldView, case: Case | None) -> MatrixCell:
     """Cell that says whether the force over penetration of the best setting follows the law, too.
 
-    case: the best setting; None for none.
+    case: the best setting; None for none. The distance is the root mean square over the law's
+    largest force.
     """
     if case is None:
         return MatrixCell("–")

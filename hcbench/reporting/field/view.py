@@ -232,7 +232,7 @@ class FieldView:
 
     def off(self, case: Case) -> float:
         """Largest |e - e of the law| of the impacts that parted: as `tune` has found it, where it
-        has an answer with this setting; NaN where no impact parted.
+        has an answer with this setting, else in this study; NaN where no impact parted.
         """
         choice = self.choice(case)
         if choice is not None:

@@ -37,6 +37,12 @@ INTEGRATORS: tuple[str, ...] = get_args(_Integrator)
 
 
 class _RowTable(OptionTable):
+    """One contact constraint of a setting, as a file or a recipe states it; checked strictly.
+
+    solref, solimp, solreffriction: as MuJoCo has them. onset: penetration at which it begins to
+    act, m. adhesion: N, 0 or more. friction: coefficient, 0 or more.
+    """
+
     solref: tuple[Finite, Finite] = Field(
         None, validate_default=True, description="a list of 2 numbers"
     )
@@ -64,6 +70,10 @@ class _RowTable(OptionTable):
 
 
 class _Table(OptionTable):
+    """Options of a MuJoCo setting, see `Options`; checked strictly, since MuJoCo itself clamps,
+    warns or ignores in silence.
+    """
+
     integrator: _Integrator | None = Field(None, description=f"one of: {', '.join(INTEGRATORS)}")
     cone: _Cone | None = Field(None, description=f"one of: {', '.join(get_args(_Cone))}")
     impratio: Finite | None = Field(None, gt=0, description="a number above 0")
