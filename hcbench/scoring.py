@@ -532,10 +532,10 @@ def score(impacts: Sequence[Impact], law: HuntCrossley, mass: float) -> Score:
 
 
 def phase_spread(impacts: Sequence[Impact]) -> float:
-    """The largest difference in e between launches that differ in phase
-    only; NaN with nothing to compare.
+    """The largest difference in e between launches that differ in phase only; NaN with nothing to
+    compare.
 
-    impacts: measured ones: an impact without an e has NaN, which is the difference then.
+    impacts: measured ones; one without an e makes the difference NaN.
     """
     columns = _columns(impacts)
     return _spread_over_phases(columns.launch, columns.e)

@@ -402,7 +402,7 @@ def run_apart(
 
     That case, or one of more than `limit` s, has errors; those after it are left out.
     The version is "" where no engine could be made. variant: place of the engine in the adapter's
-    ENGINES. start: runs Python with arguments, as `subprocess.run`.
+    ENGINES. start: runs Python with arguments, and returns its exit code and messages.
     """
     with tempfile.TemporaryDirectory() as folder:
         lines = Path(folder) / "lines"

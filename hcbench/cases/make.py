@@ -461,9 +461,10 @@ FLAT = {"value": 0.02, "reason": "2 mm of a fall of 90 mm can be seen"}
 
 
 def onto_a_mesh(make_upper: Callable[..., Json]) -> Iterator[Json]:
-    """Runs of a cube that falls onto a mesh, which rests on the floor or is fixed.
+    """Runs of a cube that falls onto a mesh, which rests on the floor or is fixed, and must not
+    rebound.
 
-    make_upper: of the cube from its half edges and position, `box` or `mesh`.
+    make_upper: makes the cube from its half edges and position: `box` or `mesh`.
     """
     for h, is_fixed in product((1 / 240, 1 / 1000), (False, True)):
         fixed = {"fixed": True} if is_fixed else {}
@@ -489,7 +490,8 @@ def box_on_mesh() -> Iterator[Json]:
 
 
 def text(only: Sequence[str] = ()) -> str:
-    """Content of the file: a run a line, what all runs of a case share before them.
+    """Content of the file of cases, JSON: each run is a line, and what all runs of a case share
+    stands before them.
 
     only: ids of the cases; all where it is empty, and unknown ones are passed over.
     """

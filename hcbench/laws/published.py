@@ -58,7 +58,8 @@ class PublishedLaw:
         return law_named, (self.slug,)
 
     def chi_of(self, e: Floats | float) -> Floats:
-        """χ over restitutions asked for, same shape.
+        """The damping factor χ of F = k x^n (1 + χ v/v_i) for restitutions asked for, a pure
+        number; same shape.
 
         e: 0 ... 1. Raises UserError outside it, and at 0 where χ is infinite.
         """

@@ -62,8 +62,9 @@ def _mark_depth(axes: Axes, x: float) -> None:
 
 
 def figure_1() -> tuple[Figure, str]:
-    """The loops of (4) and of (16), with the same restitution and contact time; and, in words for
-    the caption, the e of (4) if contact ends as soon as the force does.
+    """Figure 1: force over penetration of one impact of a spring and damper, eq. (4), and of the
+    law, eq. (16), with the same restitution and contact time. Also, in words for the caption, the e
+    of (4) if contact ends as soon as the force does.
     """
     law = HuntCrossley(1.0, SKETCH_ALPHA_SPEED)
     mass = 1.0
@@ -120,7 +121,9 @@ def figure_1() -> tuple[Figure, str]:
 
 
 def figure_2() -> Figure:
-    """The elastic law F = k x^n and the energy under it, eqs. (7), (8) and (10)."""
+    """Figure 2: the elastic law F = k x^n for four n, with the energy under it and the speed over
+    the approach, eqs. (7), (8) and (10); all as shares of their largest.
+    """
     figure = new_figure(6.4, 3.2)
     axes: Axes = figure.subplots()
     x = np.linspace(0.0, 1.0, 200)
@@ -147,7 +150,9 @@ def figure_2() -> Figure:
 
 
 def figure_3() -> Figure:
-    """The loop of (16) with its loss, the elastic law, and the two halves that (12) takes as equal."""
+    """Figure 3: force over penetration of the law (16), with the elastic law and the energy lost on
+    the way in and out, the two halves that eq. (12) takes as equal.
+    """
     law = HuntCrossley(1.0, SKETCH_ALPHA_SPEED)
     loop = closed_form.loop(law, 1.0, 1.0)
     depth = loop.penetration.max()
@@ -192,8 +197,8 @@ def figure_3() -> Figure:
 
 
 def figure_4() -> Figure:
-    """Loops of the steel body of section 3.1 at 4, 8, 12 and 16 in/s,
-    for the four α of section 3.2.
+    """Figure 4: loops of force, lb, over penetration, in, of the steel body of section 3.1 at 4, 8,
+    12 and 16 in/s, a panel for each of the four α of section 3.2.
     """
     figure = new_figure(8.6, 7.2)
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
@@ -231,7 +236,9 @@ LEVELS = (0.01, 0.1)
 
 
 def approximations_figure() -> Figure:
-    """Relative error of every step over α v, log-log, with the lines of 1 % and 10 %."""
+    """Relative error of each approximation of the paper over α v, log-log, with the lines of 1 %
+    and 10 %.
+    """
     figure = new_figure(7.6, 4.6)
     axes = figure.subplots()
     u = np.geomspace(1e-3, 3.0, 400)
@@ -337,8 +344,8 @@ def _quadratic_loop(law: approximations.QuadraticDamping, speed: float) -> tuple
 
 
 def later_laws_figure() -> Figure:
-    """Restitution that every published law delivers over the one that it is set to, and the
-    difference of the two.
+    """Restitution that every law published since delivers over the one that it is set to, and the
+    difference of the two, a line each.
     """
     figure = new_figure(8.4, 4.4)
     left, right = figure.subplots(1, 2)

@@ -166,7 +166,9 @@ def _frame(axes: Axes) -> None:
 
 
 def figure_5() -> Figure:
-    """Force over position of an elastic mass with a gap, without, and fastened to a spring."""
+    """Figure 5: force over position of an elastic mass between two blocks with a gap, without one,
+    and fastened to a spring.
+    """
     figure = new_figure(8.6, 2.9)
     panels = figure.subplots(1, 3, sharey=True)
     q = np.linspace(-1.6, 1.6, 401)
@@ -194,7 +196,9 @@ def figure_5() -> Figure:
 
 
 def figure_6() -> Figure:
-    """Free vibration of the fastened mass, eq. (4): one thin loop that shrinks exponentially."""
+    """Figure 6: force over position in free vibration of a mass that is fastened to a spring and
+    damper, eq. (4): one thin loop that shrinks exponentially.
+    """
     law = KelvinVoigt(1.0, 0.08)
     time = np.linspace(0.0, 8.0 * np.pi, 1600)
     x, v = kv.state(law, 1.0, 1.0, time)
@@ -218,8 +222,8 @@ def _cycle(system: VibroImpact, velocity: float) -> SimulatedMotion:
 
 
 def figure_7() -> Figure:
-    """No gap: two half loops that meet at the origin, for flat contacts
-    as in the paper and for spheres.
+    """Figure 7: force over position of a mass between two blocks without a gap: two half loops that
+    meet at the origin, for flat contacts as in the paper and for spheres.
     """
     figure = new_figure(8.4, 3.3)
     panels = figure.subplots(1, 2)
@@ -301,8 +305,9 @@ def figure_8() -> Figure:
 
 
 def figure_9() -> tuple[Figure, str]:
-    """Squeezed, no impact: the sum is nearly the ellipse of Kelvin and
-    Voigt; and, in words, how nearly.
+    """Figure 9: force over position of a driven mass that two blocks squeeze and that leaves
+    neither. The sum of both forces is nearly the ellipse of a spring and damper; also, in words for
+    the caption, how nearly.
     """
     figure, run, system = _overlap(0.3)
     linear = linearized(system)

@@ -88,7 +88,8 @@ def outcome(
 
 
 def rigid(bounces: MeasuredBounces, e: float, friction: float) -> SettingErrors:
-    """Errors of a rigid ball with a constant e and Coulomb's friction.
+    """Errors of a rigid ball with a constant e and Coulomb's friction, in the ratio of tangential
+    speeds after and before, over the throws of the first figure.
 
     bounces: velocities at the touch, m/s, with z up, without spin. friction: μ.
     """

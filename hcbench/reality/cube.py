@@ -336,8 +336,8 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
 def outcome(
     module: TossModule, setting: ContactSetting, values: tuple[float, ...], tosses: Tosses
 ) -> SettingErrors:
-    """Errors of an engine's setting: mean distances over a toss, in per cent of the cube's width,
-    and angles, rad.
+    """Errors of an engine's setting on tosses of the cube: mean distances over a toss, in per cent
+    of the cube's width, and angles, rad.
 
     module: `toss` of the engine, which runs in this process. values: of the setting's parameters.
     Raises what the engine raises.

@@ -166,8 +166,8 @@ def errors(impacts: EllipseImpacts, predicted: Floats) -> Floats:
 def outcome(
     module: TossModule, setting: ContactSetting, values: tuple[float, ...], impacts: EllipseImpacts
 ) -> SettingErrors:
-    """Errors of an engine's setting: distance of the velocities after, m/s, with the spin times the
-    radius of gyration.
+    """Errors of an engine's setting: distance of the velocities after each impact, m/s, with the
+    spin times the radius of gyration.
 
     module: `toss` of the engine, which runs in this process. values: of the setting's parameters.
     Raises what the engine raises.

@@ -163,7 +163,7 @@ class _ImpactFit:
     def __init__(
         self, body: Body, corners: Floats, vertex: int, motion: Motion, frames: Floats, before: int
     ) -> None:
-        """Estimate the touch, from which the fit starts.
+        """Take the frames of both flights, and estimate the touch, from which the fit starts.
 
         motion: measured poses, with the plate at z = 0.
         corners: vertices in the body's frame, m, shape (8, 3).

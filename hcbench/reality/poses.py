@@ -222,7 +222,8 @@ def read_values(impacts: Sequence[ImpactRead]) -> dict[str, float]:
 
 
 def text(own: Own, folder: Path) -> Iterator[str]:
-    """Lines to print: impacts, errors of settings, and the commands that go on from here.
+    """Lines to print: each impact that was read, the mean error of each setting in per cent of the
+    body's width, and the commands to type next.
 
     folder: where `page.build_own` wrote the tables.
     """

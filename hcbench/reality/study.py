@@ -317,7 +317,7 @@ def drawn_toss(pool: WorkerPool, cells: Sequence[Cell]) -> dict[str, Floats]:
 
 def _poses(cell: Cell) -> tuple[Floats, Floats]:
     """Measured and simulated poses of a cell's first toss, shape (n, 7) each: position, m, and
-    quaternion, w first. To be run in a worker process of the cell's engine.
+    quaternion, w first, at the measured frames. To be run in a worker process of the cell's engine.
     """
     tosses = Tosses(cell.cases.body, cell.cases.motions[:1])
     simulated = tosses.as_simulated(tosses.simulated(cell.module, cell.contact, cell.values))

@@ -78,7 +78,8 @@ def build(
 
 
 def overview_drawing(view: View) -> Drawing:
-    """The one figure that needs no script: what stands in for the explorer, and in README.
+    """The one figure that needs no script, yet to be drawn: it stands in for the explorer, and in
+    README.
 
     Its alternative text has the largest error of each run shown. Without such runs it is empty.
     """
@@ -243,7 +244,8 @@ def _draw_curve(axes: Axes, view: View, run: RunKey, curve: Curve, nth: int) -> 
 
 
 def overview_figure(view: View, runs: list[RunKey]) -> Figure:
-    """The page in one picture: the main α, the settings that matter, each named beside its line.
+    """Restitution over impact speed, m/s, in one picture: of the main α, the settings that matter,
+    each named beside its line, and the law.
 
     runs: those to draw; one without a curve is left out. What lies far below the rest has a frame
     of its own at the bottom.

@@ -126,8 +126,9 @@ def curve_picture(result: FitResult, suffix: str) -> bytes:
 
 
 def _residual_figure(result: FitResult) -> Figure:
-    """Two panels: the likeliest difference of the e of each impact from the law, in per cent, and
-    what is then left of each reading, over its noise. On either, a band of two standard deviations.
+    """Two panels, a dot each. Upper: the likeliest difference of the e of each impact from the law,
+    in per cent. Lower: the error that is left of each reading, over its standard deviation, cut off
+    at ±10. On either, a band of two standard deviations.
     """
     figure = new_figure(6.4, 3.4)
     upper, lower = figure.subplots(2, 1)

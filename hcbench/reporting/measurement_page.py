@@ -84,8 +84,8 @@ def summary(measurement: Measurement) -> str:
 
 
 def curve_figure(measurement: Measurement) -> Figure:
-    """e over approach speed, m/s: a band over the phases, what the model asks for, and the target,
-    of the latter two what there is.
+    """e over approach speed, m/s: the mean and a band over the phases; also, where there is one, e
+    that the model's settings ask for, and the target.
     """
     curve = measurement.curve.measured()
     speeds = curve.speed_in

@@ -93,10 +93,10 @@ def page_header(folder: Path | None = None) -> Header:
 
 
 def _in_clone(folder: Path, path: str) -> str:
-    """The link from a folder of reports/ to a page of the site, or to the file that it is made of;
-    "" where that is not there, as in a source archive.
+    """The link from a report's folder in reports/ of a clone to a page of the site, or to the file
+    that it is made of; "" where that is not there, as in a source archive.
 
-    path: of the page in the site, such as docs/howto/measure.html.
+    folder: of the report. path: of the page in the site, such as docs/howto/measure.html.
     """
     if path.startswith("docs/"):
         path = path.removesuffix(".html") + ".md"

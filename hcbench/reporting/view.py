@@ -291,8 +291,8 @@ class View:
         return out
 
     def step_curves(self) -> dict[RunKey, list[tuple[float, CurvePoint]]]:
-        """Run without its step -> (step, s, point at the study's step
-        speed) for its main α, steps rising.
+        """Error of e over the time step: run without its step -> (step, s; point of the curve at the study's
+        speed for steps), for the main α, steps rising.
 
         The run's own step is then 0. Runs at one step only are left out.
         """

@@ -198,8 +198,8 @@ def _all_inputs(inputs: Iterable[Path]) -> Iterator[Path]:
 
 
 def _named(path: Path, content: bytes) -> list[Path]:
-    """Files that a text names in quotes, beside it or in a folder that
-    it names, such as its meshes'; those that do not exist are left out.
+    """Files that a text names in quotes: beside it, or in a folder that it names too, such as that
+    of its meshes; those that do not exist are left out.
 
     path: of the text. content: its bytes.
     """

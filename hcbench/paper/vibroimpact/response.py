@@ -71,11 +71,11 @@ def orbits(
     tolerance: float = 1e-7,
     jobs: int = 1,
 ) -> Orbits:
-    """Simulate each value of the parameter for `cycles` periods of the
-    drive and keep the last `keep`.
+    """Simulate each value of the parameter for `cycles` periods of the drive and return, of the
+    last `keep`, the state at each end, the extremes and the number of touches.
 
+    over: the parameter: "frequency", "amplitude" or "gap". values: Hz, N or m.
     drive: its other numbers hold for all values.
-    values: frequencies (Hz), amplitudes (N) or gaps (m).
     position, velocity: at t = 0, m and m/s.
     tolerance: error of a step over the size of the motion.
     jobs: processes that share the values; the answer is the same to the last bit.

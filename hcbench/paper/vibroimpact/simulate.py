@@ -291,12 +291,11 @@ def simulate(
     tolerance: float = 1e-11,
     step_max: float = math.inf,
 ) -> SimulatedMotion:
-    """The motion from q = position (m), q' = velocity (m/s), t = 0 to
-    `until` (s); free without a drive.
+    """The motion from q = position (m), q' = velocity (m/s), t = 0 to `until` (s), with its forces,
+    energies and touches at each step; free without a drive.
 
     drive: P in N over t in s, a `Sinusoid` or any smooth function (a rough one needs `step_max`,
-    s).
-    tolerance: error of a step over the size of the motion.
+    s). tolerance: error of a step over the size of the motion.
     step_max: longest step, s; for a `Sinusoid` at most a tenth of its period.
 
     Raises UserError for numbers that are not finite, from the caller or from the drive, for a start

@@ -348,10 +348,10 @@ def _row(view: FieldView, engine: str, gravity: float, timestep: float) -> dict[
 
 
 def _stock(view: FieldView, here: Case | None, without_gravity: Case | None) -> MatrixCell:
-    """Cell of the engine's default: the range of its e over speeds and phases, or in words why it
-    has none.
+    """Cell of the engine with nothing set: the range of its e over speeds and phases, or in words
+    why it has none.
 
-    here: under the table's gravity; None where it did not run so: `without_gravity` stands in.
+    here: that run under the table's gravity; None where there is none: `without_gravity` stands in.
     """
     case = here or without_gravity
     if case is None:
@@ -434,8 +434,9 @@ def _energy(view: FieldView, engine: str, cases: list[Case]) -> MatrixCell:
 
 
 def _slow(view: FieldView, own: Case | None, plugin: Case | None) -> MatrixCell:
-    """Cell of the impact speed below which a body stays down, m/s: the higher one of the engine's
-    best setting and its plug-in; None for one that did not run.
+    """Cell of the impact speed below which a body stays down, m/s: the higher one of two settings.
+
+    own: the engine's best setting, plugin: its best plug-in; None for one that did not run.
     """
     downs = [(view.stays_down(case), case) for case in (own, plugin) if case is not None]
     if not downs:
