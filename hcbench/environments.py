@@ -274,12 +274,12 @@ def _numbers(version: str) -> tuple[int, ...]:
 
 
 def _make(folder: Path, python: str) -> None:
-    """Make an empty environment in a folder.
+    """Make an empty environment of Python in a folder.
 
     python: a version or a path.
 
-    Raises UserError for a Python that is not on this machine or is too old, CannotRun without uv,
-    and as `_explained` says for any other failure of uv.
+    Raises UserError for a Python that is not on this machine or is too old, OutputError for a full
+    disk, CannotRun without uv and for any other failure of it.
     """
     interpreter = _known(python) or python
     done = _run_uv(["venv", "--relocatable", "--python", interpreter, str(folder)], folder.parent)

@@ -394,7 +394,7 @@ class _Slope:
 
     def value(self) -> float:
         """The exponent p; NaN for fewer than three losses above 0, and where the fastest is below
-        1.5 times the slowest, between which a slope would be mostly round-off.
+        1.5 times the slowest: too near one another for a slope.
         """
         n, x, y, xx, xy = self._sums.tolist()
         if n < 3 or not self._fastest >= 1.5 * self._slowest:

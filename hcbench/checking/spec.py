@@ -119,7 +119,7 @@ class CheckSpec(_CheckTable):
     @model_validator(mode="before")
     @classmethod
     def _take_old_names(cls, fields: Any) -> Any:
-        """The fields by their names of today; a hint for each old one."""
+        """The fields by their names of today; a FutureWarning for each old one."""
         if not isinstance(fields, dict):
             return fields
         named = dict(fields)

@@ -84,8 +84,8 @@ class EllipticContact:
 
     @property
     def stiffness(self) -> float:
-        """k of F = k x^(3/2), N/m^1.5: (2π E*/(3κ)) √(E(e) / (K(e)³
-        (A + B))); (4/3) E* √R for a circle.
+        """k of F = k x^(3/2), N/m^1.5: (2π E*/(3κ)) √(E(e) / (K(e)³ (A + B))), K and E the complete
+        elliptic integrals, e² = 1 - κ²; (4/3) E* √R for a circle.
         """
         m = 1.0 - self.axis_ratio**2
         big_k = float(ellipk(m))

@@ -104,7 +104,7 @@ class Restitution(RestitutionCurve):
 
     def margin(self, speeds: Floats | float) -> float:
         """Largest uncertainty of e at these speeds (m/s), with 95 % confidence, from that of α; 0
-        of none.
+        for an α that is known exactly.
         """
         off = SIGMAS_95 * self.uncertainty
         e = self.at(speeds)

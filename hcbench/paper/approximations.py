@@ -73,7 +73,8 @@ class Approximation:
         return np.asarray(self.ratio(values, exponent) - 1.0)
 
     def reaches(self, error: float, exponent: float = 1.5) -> float:
-        """The smallest α v_i where the step is wrong by `error`, up or down; inf if beyond 100.
+        """The smallest α v_i where the approximation is wrong by `error`, up or down; inf if beyond
+        100.
 
         error: relative, 0.01 is one per cent. exponent: n of the law. Raises UserError unless 0 <
         error < 1.

@@ -106,6 +106,7 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
     zero = np.zeros(len(rows))
     one = np.ones(len(rows))
     impacts = EllipseImpacts(
+        # x, z and spin, m/s and rad/s.
         before=rows[:, 0:3],
         after=rows[:, 3:6],
         angle=columns["angle"],

@@ -236,7 +236,7 @@ class _ImpactFit:
         """Attitude at the touch, the vertex' arm from the centre then, m, and velocity (m/s) and
         spin (rad/s) after the impulse, in the world's frame, shape (b, 3) each.
 
-        u: unknowns, shape (b, 21).
+        u: unknowns of the fit, pose and velocities at the touch, impulse and jump, shape (b, 21).
         """
         turn = Rotation.from_rotvec(u[:, _TURNED]) * self.base
         arm = turn.apply(self.corners[self.vertex])

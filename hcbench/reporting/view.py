@@ -91,7 +91,7 @@ class View:
 
     @cached_property
     def head_on(self) -> dict[tuple[RunKey, float], Folded]:
-        """Impacts by run and α, s/m, whose smallest angle is the study's, 0 as a rule:
+        """Impacts at the smallest angle that the study launches at, 0 as a rule, by run and α, s/m:
         curves over speed are of these.
         """
         least = min((folded.angle for folded in self.folded.values()), default=0.0)
@@ -192,8 +192,8 @@ class View:
         return run.timestep <= self.contact_time / STEPS_OF_A_LOOP * (1 + 1e-9)
 
     def runs_by_resolution(self, resolved: bool) -> list[RunKey]:
-        """Band runs that resolve the contact, or do not; each setting at
-        the step that most of them share, or the nearest to it, by ratio, that the setting ran with.
+        """Runs over a band of speeds that resolve the contact, or do not; each setting at the step
+        that most of them share, or the nearest to it, by ratio, that the setting ran with.
 
         resolved: which of the two, by `resolves_contact`. The order is the study's.
         """
@@ -291,8 +291,8 @@ class View:
         return out
 
     def step_curves(self) -> dict[RunKey, list[tuple[float, CurvePoint]]]:
-        """Error of e over the time step: run without its step -> (step, s; point of the curve at the study's
-        speed for steps), for the main α, steps rising.
+        """Error of e over the time step: run without its step -> (step, s; point of the curve at
+        the study's speed for steps), for the main α, steps rising.
 
         The run's own step is then 0. Runs at one step only are left out.
         """

@@ -253,10 +253,12 @@ class TwoSidedContact:
         return out
 
     def distance(self, y: Floats, mode: Modes, rows: Indices) -> tuple[Floats, Indices]:
-        """Distance to the nearest switch (below 0: beyond), and the number of that switch; both of
-        shape (r,).
+        """Distance of each mass to its nearest switch, where the mode of a contact changes (below
+        0: beyond), and the number of that switch; both of shape (r,).
 
-        For surfaces the distance is over the size of the motion; for forces it is F(x, v)/F(x, 0).
+        Switches 0 and 1 are the surfaces of the right and the left block, with the distance over
+        the size of the motion; at 2 and 3 their force ends or returns, with F(x, v)/F(x, 0) for a
+        distance.
 
         y: states, shape (components, r).
         mode: of both contacts, shape (2, r).
