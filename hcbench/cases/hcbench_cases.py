@@ -299,7 +299,8 @@ def judge(results: Json, cases: Json) -> list[Json]:
 
 
 def _judge(case: Json, done: list[Json], combine: Any) -> Json:
-    """The verdict on a case, as `judge` has it: by the run with the largest error of each quantity.
+    """The verdict on a case, a record as `judge` returns: by the run with the largest error of each
+    quantity.
 
     done: results of the case's runs, in order, as `_run_case` makes them. combine: name of the
     engine's rule for two restitutions, None without one.

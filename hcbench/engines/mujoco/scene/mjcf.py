@@ -39,7 +39,7 @@ INTEGRATORS: tuple[str, ...] = get_args(_Integrator)
 class _RowTable(OptionTable):
     """One contact constraint of a setting, as a file or a recipe states it; checked strictly.
 
-    solref, solimp, solreffriction: as MuJoCo has them. onset: penetration at which it begins to
+    solref, solimp, solreffriction: in MuJoCo's own form. onset: penetration at which it begins to
     act, m. adhesion: N, 0 or more. friction: coefficient, 0 or more.
     """
 
