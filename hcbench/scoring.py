@@ -32,8 +32,8 @@ _REFERENCE_POINTS = 2001
 class LoopScore:
     """One loop against the law's loop at the same impact speed; ratios are engine / law.
 
-    rms: distance in force at equal penetration and branch, root mean square over the loop's path in x, over
-        the law's largest force.
+    rms: distance in force at equal penetration and branch, root mean square over the loop's path in
+        x, over the law's largest force.
     area_ratio: of the energy lost; NaN for a law without damping, which encloses no area.
     touch_force, parting_force: the force at x = 0 that the first and last two samples point to,
     over
@@ -393,8 +393,8 @@ class _Slope:
         self._fastest = max(self._fastest, float(speeds.max()))
 
     def value(self) -> float:
-        """The exponent p; NaN for fewer than three losses above 0, and where the fastest is below
-        1.5 times the slowest: too near one another for a slope.
+        """The exponent p of ΔE ∝ v^p; NaN for fewer than three losses above 0, and where the
+        fastest is below 1.5 times the slowest: too near one another for a slope.
         """
         n, x, y, xx, xy = self._sums.tolist()
         if n < 3 or not self._fastest >= 1.5 * self._slowest:

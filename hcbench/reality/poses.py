@@ -1,4 +1,6 @@
-"""A user's own tosses: impacts read from poses, and how far each engine's settings are from them."""
+"""A user's own tosses: impacts read from poses, and how far each engine's settings are from
+them.
+"""
 
 from __future__ import annotations
 

@@ -375,8 +375,8 @@ def _force_of(drive: Drive | None, times: Floats) -> Floats:
 
 
 def _checked(drive: Drive, time: float) -> float:
-    """P in N at `time` (s). Raises UserError unless the drive gives a number below _STRONGEST, and
-    where it raises; its errors of hcbench pass.
+    """Force of a drive, N, at `time` (s). Raises UserError unless the drive gives a number below
+    _STRONGEST, and where it raises; its errors of hcbench pass.
     """
     expected = "a finite force, a number in N, at every time"
     try:

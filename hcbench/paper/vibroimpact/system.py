@@ -219,8 +219,8 @@ class TwoSidedContact:
     size: Floats = field(init=False)
 
     def __post_init__(self) -> None:
-        """Set the size of each component. Raises UserError for contacts too shallow to resolve over
-        their gap.
+        """Set `size`, over which the errors of position (m), velocity (m/s) and energies (J) are
+        measured. Raises UserError for contacts too shallow to resolve over their gap.
         """
         shallow = self.length * self.tolerance < _GRAIN * _EPS * np.abs(self.half_gap)
         # No step would be good: the error that it may have is less than a position's last digit.
