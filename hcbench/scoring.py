@@ -32,8 +32,8 @@ _REFERENCE_POINTS = 2001
 class LoopScore:
     """One loop against the law's loop at the same impact speed; ratios are engine / law.
 
-    rms: distance in force at equal penetration and branch, root mean square over the loop's path in
-        x, over the law's largest force.
+    rms: distance in force at equal penetration and branch, root mean square over the loop's path in x, over
+        the law's largest force.
     area_ratio: of the energy lost; NaN for a law without damping, which encloses no area.
     touch_force, parting_force: the force at x = 0 that the first and last two samples point to,
     over

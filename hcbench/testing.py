@@ -213,8 +213,8 @@ class EngineConformance:
 
     @_claim(_bounces)
     def test_the_speed_in_is_the_speed_launched(self, recipe: str, scene: str) -> None:
-        """Nothing changes the speed of the body before it touches, but an engine's own damping
-        where nothing is set.
+        """Nothing changes the speed of the body before it touches, but an engine's own damping where
+        nothing is set.
         """
         exact = max(1e-9, rounding(recipe))
         loss = exact

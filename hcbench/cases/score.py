@@ -72,8 +72,8 @@ def known_failures() -> dict[str, dict[str, str]]:
 class EngineScore:
     """Score of one engine's results.
 
-    verdicts: of `hcbench_cases.judge`. restitution: "obeyed"; "soft", where it is obeyed deep in
-    the floor; "threshold", where it is obeyed above a speed; "ignored", where the number makes no
+    verdicts: of `hcbench_cases.judge`. restitution: "obeyed"; "soft", where it is obeyed deep in the
+    floor; "threshold", where it is obeyed above a speed; "ignored", where the number makes no
     difference; "mixed"; or None where the first case was not run. threshold: the highest impact
     speed under gravity that did not bounce, m/s; 0 where all did. gravity: the rebound of an impact
     under gravity, "e v" or "e (v + g h)"; None where it is neither.
@@ -321,9 +321,7 @@ def _range_of_means(measured: Sequence[_CaseBounce]) -> float:
 
 
 class _CaseBounce(NamedTuple):
-    """Impact of a case: its speed, m/s, and the restitution that is asked for and that is
-    measured.
-    """
+    """Impact of a case: its speed, m/s, and the restitution that is asked for and that is measured."""
 
     speed: float
     asked: float

@@ -111,8 +111,8 @@ def materials(name: MaterialName | None = None) -> Materials:
     Parameters
     ----------
     name : text or path, optional
-        A pair such as "rubber on concrete", one measurement's own name, or a file material.json;
-        all by default.
+        A pair such as "rubber on concrete", one measurement's own name, or a file material.json; all by
+        default.
 
     Returns
     -------

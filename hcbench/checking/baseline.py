@@ -248,8 +248,7 @@ def read_pairs(path: Path) -> Pairs:
 
 
 def parse_points(text: str) -> Pairs:
-    """Pairs (v m/s, e) from 'v:e, v:e unit' or from a CSV file with the columns speed and
-    restitution.
+    """Pairs (v m/s, e) from 'v:e, v:e unit' or from a CSV file with the columns speed and restitution.
 
     Raises UserError for text in neither form, QuantityError for its numbers and unit.
     """

@@ -247,15 +247,15 @@ def check(
     Parameters
     ----------
     model : path or two paths, optional
-        A model, two URDFs, a study, or a TOML file with a [tool.hcbench] table; ./pyproject.toml by
-    default. pair : text or two names, optional
+        A model, two URDFs, a study, or a TOML file with a [tool.hcbench] table; ./pyproject.toml by default.
+    pair : text or two names, optional
         Two bodies or geoms, first the one that moves.
     name : text, optional
         What the result calls the check; the file's name by default.
     material, alpha, restitution, points, baseline, require : optional
-        One target: a pair of materials that `materials` lists; α, s/m or with a unit, read as
-        `target` "law" or "linear"; one e for all speeds; a CSV file of measured pairs; a baseline
-        that `hcbench check --write-baseline` wrote; or limits on landings or on a recorded motion,
+        One target: a pair of materials that `materials` lists; α, s/m or with a unit, read as `target` "law"
+        or "linear"; one e for all speeds; a CSV file of measured pairs; a baseline that
+        `hcbench check --write-baseline` wrote; or limits on landings or on a recorded motion,
         "e < 0.3, peak < 6".
     heights, tilt, controller : optional
         With `require`: how to drop a robot, as `land` takes them.

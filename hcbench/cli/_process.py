@@ -39,9 +39,7 @@ _OPTIONS = {
 
 
 class _Stream(io.TextIOWrapper):
-    """A standard stream. Where one that is `required` cannot be written to, that is an
-    OutputError.
-    """
+    """A standard stream. Where one that is `required` cannot be written to, that is an OutputError."""
 
     required: bool
 
@@ -181,9 +179,7 @@ def install_signal_handlers() -> None:
 
 
 def ignore_signals() -> None:
-    """Ignore signals in the last moments of a command that has done its work: its exit code
-    stays.
-    """
+    """Ignore signals in the last moments of a command that has done its work: its exit code stays."""
     if _AGAIN is not None:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
     for name in ("SIGALRM", *SIGNALS):

@@ -203,9 +203,7 @@ def _print(scores: Sequence[EngineScore], as_json: bool, markdown: bool) -> None
 
 
 def _read_known(path: Path) -> Mapping[str, Mapping[str, str]]:
-    """Known failures: the reason by engine and case. Raises UserError for a file of another
-    form.
-    """
+    """Known failures: the reason by engine and case. Raises UserError for a file of another form."""
     from hcbench.system.files import parse_json, read_text
 
     known = {}

@@ -238,8 +238,7 @@ def _list_pairs(
     """Print which parts of a model can meet, and the command that measures the first.
 
     job: its model, engine and pose. limit: s, after which the worker counts as hung. models,
-    python: as they were typed. Raises UserError for a model that cannot be opened, and
-    EngineFailed.
+    python: as they were typed. Raises UserError for a model that cannot be opened, and EngineFailed.
     """
     from hcbench.measuring.measure import list_pairs
     from hcbench.sim.model_under_test import as_records, as_table
@@ -382,8 +381,7 @@ def land(
     """Drop a robot on its floor, and measure how it lands.
 
     Report e of its centre of mass, the peak force, and what each foot does. Of two MODELS, such as
-    before and after `hcbench tune`, the drops stand side by side; two URDFs are a robot and its
-    floor.
+    before and after `hcbench tune`, the drops stand side by side; two URDFs are a robot and its floor.
     """
     from hcbench.measuring.landing import as_record, as_text, land_job, make_drops
     from hcbench.measuring.measure import Job

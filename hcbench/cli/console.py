@@ -35,9 +35,7 @@ class PathType(click.Path):
     """A path: "" is none, and not the working directory; nor is what no disk takes."""
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str | None:
-        """Word for the option's value in a help text; None for an argument, which has its own
-        name.
-        """
+        """Word for the option's value in a help text; None for an argument, which has its own name."""
         if isinstance(param, click.Argument):
             return None
         return "FILE" if self.file_okay else "FOLDER"

@@ -156,9 +156,7 @@ def _beside(name: str) -> dict[str, Any]:
 
 
 def _elsewhere(made: Environment) -> dict[str, Any]:
-    """Facts of an engine in an environment of its own, by the keys of `--json`; its size in
-    bytes.
-    """
+    """Facts of an engine in an environment of its own, by the keys of `--json`; its size in bytes."""
     return {
         "version": made.version,
         "python": made.python,

@@ -171,8 +171,8 @@ def _request(
 ) -> RealityRequest:
     """The request: data sets with their folders.
 
-    A set whose data are missing is left out with a line to stderr. Raises UserError where it was
-    asked for by name, and for the held-out part without its data.
+    A set whose data are missing is left out with a line to stderr. Raises UserError where it was asked
+    for by name, and for the held-out part without its data.
     """
     from hcbench.reality import data_sets
     from hcbench.reality.data_sets import SETS, require_sets

@@ -1,5 +1,5 @@
-"""hcbench tune MODEL: a setting for pairs of a user's own model, tuned in it, and how wrong it is;
-or for the feet of a robot, with its landing before and after.
+"""hcbench tune MODEL: a setting for pairs of a user's own model, tuned in it, and how wrong it is; or for
+the feet of a robot, with its landing before and after.
 """
 
 from __future__ import annotations

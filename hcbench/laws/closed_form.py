@@ -220,8 +220,7 @@ def restitution_linear(alpha: Floats | float, speed: Floats | float) -> Floats:
 
 
 def alpha_of(restitution: Floats | float, speed: Floats | float) -> Floats:
-    """α in s/m of the law that rebounds with this e (0 < e <= 1) at this speed (m/s); both
-    broadcast.
+    """α in s/m of the law that rebounds with this e (0 < e <= 1) at this speed (m/s); both broadcast.
 
     Raises UserError for an e outside that range, and for a speed that is not above 0.
     """

@@ -272,8 +272,7 @@ def contact_of(
     timestep: float | None = None,
     reading: Reading = "law",
 ) -> OneContact:
-    """One contact, from exactly one of alpha, drake, simbody, restitution, solref, adams and
-    newton.
+    """One contact, from exactly one of alpha, drake, simbody, restitution, solref, adams and newton.
 
     alpha: α, s/m.
     drake: hunt_crossley_dissipation, s/m.

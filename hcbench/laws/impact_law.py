@@ -1,6 +1,4 @@
-"""All that the law says of impacts: `hcbench.law`, and the summary that it and the command
-print.
-"""
+"""All that the law says of impacts: `hcbench.law`, and the summary that it and the command print."""
 
 from __future__ import annotations
 
@@ -268,8 +266,7 @@ class ImpactLaw(Drawn):
         Returns
         -------
         pandas.DataFrame
-            `count` rows for each speed: `speed_m_per_s`, `penetration_m` and `force_n`, in closed
-            form.
+            `count` rows for each speed: `speed_m_per_s`, `penetration_m` and `force_n`, in closed form.
 
         Raises
         ------
@@ -452,8 +449,8 @@ def law(
     Returns
     -------
     ImpactLaw
-        Its method `e` gives restitution at impact speeds, `loop` and `trajectory` force and motion
-        as data frames. ImpactLaws, with the same methods, for several α.
+        Its method `e` gives restitution at impact speeds, `loop` and `trajectory` force and motion as data
+        frames. ImpactLaws, with the same methods, for several α.
 
     Raises
     ------

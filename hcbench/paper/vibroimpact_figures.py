@@ -1,6 +1,4 @@
-"""Figures of forced motion against a stop, and the same motion in engines: the scene
-`two-blocks`.
-"""
+"""Figures of forced motion against a stop, and the same motion in engines: the scene `two-blocks`."""
 
 from __future__ import annotations
 

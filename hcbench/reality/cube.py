@@ -319,8 +319,8 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
     number.
 
     folder: of the original repository; None: the shipped tosses, without part 4. variant: the part
-    of the data that is left as published, one of VARIANTS. Raises UserError for a folder of
-    anything else, and for a file that is not of a toss.
+    of the data that is left as published, one of VARIANTS. Raises UserError for a folder of anything else,
+    and for a file that is not of a toss.
     """
     corrections = VARIANTS[variant]
     motions = []

@@ -150,8 +150,8 @@ LATE = "12 ms of gravity in the speed after"
 
 def ellipse_switches(training: Any, judged: Any) -> list[Switch]:
     """Mean errors, m/s, of the rigid law, fitted again, and of the best impulse of each drop, with
-    and without two corrections of the published data: the sign of a lever (SIGN), and the speeds
-    after, which the original file has later (LATE).
+    and without two corrections of the data: the sign of a lever (SIGN), and 12 ms of gravity in the
+    speeds after (LATE).
 
     training: `EllipseImpacts` that the law is fitted to. judged: those of which errors are given.
     Both have the sign corrected, as `ellipse.cases` gives them.

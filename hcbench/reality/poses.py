@@ -1,6 +1,4 @@
-"""A user's own tosses: impacts read from poses, and how far each engine's settings are from
-them.
-"""
+"""A user's own tosses: impacts read from poses, and how far each engine's settings are from them."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""The study: each setting of each engine on each data set, the floors, and what corrections
-change.
-"""
+"""The study: each setting of each engine on each data set, the floors, and what corrections change."""
 
 from __future__ import annotations
 
@@ -301,9 +299,9 @@ def _both_parts(request: RealityRequest, data: str) -> tuple[Any, Any]:
 
 
 def drawn_toss(pool: WorkerPool, cells: Sequence[Cell]) -> dict[str, Floats]:
-    """Poses at the frames of the first toss that is judged: "measured", and simulated, by the key
-    of each setting of the first engine that has a plug-in. Shape (n, 7): position, m, and
-    quaternion, w first.
+    """Poses at the frames of the first toss that is judged: "measured", and simulated, by the key of
+    each setting of the first engine that has a plug-in. Shape (n, 7): position, m, and quaternion,
+    w first.
 
     Empty where no cell of the cube is of such an engine.
     """

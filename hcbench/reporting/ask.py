@@ -175,8 +175,8 @@ def find_plan(name: str, warn: Callable[[str], None], device: str = "") -> tuple
     any one plug-ins that cannot be compiled, with a line to `warn`.
 
     name: of a file, a folder or a built-in study. device: that the engines compute on; "" for any.
-    Raises StudyError for a name that no study has, a file that is not a study, and where no engine
-    of a built-in study is installed; SceneError for a scene that cannot be read; NotCompiled where
+    Raises StudyError for a name that no study has, a file that is not a study, and where no engine of a
+    built-in study is installed; SceneError for a scene that cannot be read; NotCompiled where
     nothing but such plug-ins is in it.
     """
     path = find_study(name)

@@ -162,9 +162,7 @@ def _residual_figure(result: FitResult) -> Figure:
 
 
 def _numbers(names: list[str], count: int) -> list[int]:
-    """Numbers of impacts or readings, as messages name them ("touch 9"); from 1 on without
-    names.
-    """
+    """Numbers of impacts or readings, as messages name them ("touch 9"); from 1 on without names."""
     found = [re.match(r"\D*(\d+)", name) for name in names]
     if len(found) != count or not all(found):
         return list(range(1, count + 1))

@@ -108,9 +108,7 @@ def curve_figure(measurement: Measurement) -> Figure:
 
 
 def _loops_figure(measurement: Measurement) -> Figure:
-    """Force, N, over penetration, µm or mm: one loop or more, one a speed, the faster the
-    darker.
-    """
+    """Force, N, over penetration, µm or mm: one loop or more, one a speed, the faster the darker."""
     # m, m/s.
     deepest = 0.0
     fastest = 0.0

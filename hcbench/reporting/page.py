@@ -329,8 +329,7 @@ _LEAST_POINTS = 2
 
 
 def curves_of(figure: Figure) -> pd.DataFrame:
-    """A row for each point of each curve, in the units of the axes, which `x_axis` and `y_axis`
-    name.
+    """A row for each point of each curve, in the units of the axes, which `x_axis` and `y_axis` name.
 
     Lines across a whole panel and single marks guide the eye alone: they are left out. A panel is
     named by its title or its number, a curve by its label or its number. Without curves the table

@@ -271,8 +271,8 @@ def _ranking_row(view: View, run: RunKey, with_gravity: View | None) -> Cells:
 
 
 def _of_drop(view: View, run: RunKey) -> list[str]:
-    """Cells under `heads` of a run under gravity: its largest depth, and its depth at rest, "–"
-    where it did not come to rest.
+    """Cells under `heads` of a run under gravity: its largest depth, and its depth at rest, "–" where
+    it did not come to rest.
     """
     rest = view.rests.get(run)
     lying = "–"

@@ -257,9 +257,7 @@ class View:
         return curves
 
     def score(self, run: RunKey, alpha: float | None = None) -> Mapping[str, Any] | None:
-        """The score of a run for one α, s/m, else the main one; None where it did not run for
-        it.
-        """
+        """The score of a run for one α, s/m, else the main one; None where it did not run for it."""
         if alpha is None:
             alpha = self.main_alpha
         return self._scores.get((run, alpha))

@@ -180,9 +180,7 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
 
 
 def read_text(path: Path, encoding: str = "utf-8-sig", most: int = MOST_BYTES) -> str:
-    """The text of a file, by `read_bytes`, without the mark that editors in Windows begin it
-    with.
-    """
+    """The text of a file, by `read_bytes`, without the mark that editors in Windows begin it with."""
     return read_bytes(path, most).decode(encoding)
 
 
@@ -464,8 +462,8 @@ def _write_manifest(folder: Path, files: dict[str, str]) -> None:
 
 
 def _read_manifest(folder: Path) -> dict[str, str]:
-    """{name, relative to `folder`: SHA-256 digest} of files that were written earlier; empty
-    without a MANIFEST that can be read.
+    """{name, relative to `folder`: SHA-256 digest} of files that were written earlier; empty without
+    a MANIFEST that can be read.
     """
     try:
         content = parse_json(read_text(folder / MANIFEST))

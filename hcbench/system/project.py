@@ -33,9 +33,7 @@ def address(name: str) -> str:
 
 
 def install_line() -> str:
-    """The command that installs hcbench: from its source, once that has an address; else from a
-    clone.
-    """
+    """The command that installs hcbench: from its source, once that has an address; else from a clone."""
     source = address("Source")
     if source:
         return f"pip install git+{source}"

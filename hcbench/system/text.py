@@ -1,6 +1,4 @@
-"""Tables, numbers and results as text, and text from models that others wrote made safe to
-print.
-"""
+"""Tables, numbers and results as text, and text from models that others wrote made safe to print."""
 
 from __future__ import annotations
 
@@ -188,9 +186,7 @@ class Shown:
         return "\n".join(lines)
 
     def to_frame(self) -> pd.DataFrame:
-        """The result as a table of pandas; numbers are SI, and the columns' names have the
-        units.
-        """
+        """The result as a table of pandas; numbers are SI, and the columns' names have the units."""
         # pandas is slow to import.
         import pandas as pd
 

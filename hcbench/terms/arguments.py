@@ -99,9 +99,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(function)
     def outer(*args: P.args, **kwargs: P.kwargs) -> R:
-        """Call the function with its arguments checked. Its own docstring takes this one's
-        place.
-        """
+        """Call the function with its arguments checked. Its own docstring takes this one's place."""
         # Types are read at the first call: at import some are not defined yet.
         hints = _hints(function)
         # Each argument of `*files` counts as one of them.

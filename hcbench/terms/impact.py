@@ -51,13 +51,13 @@ class Launch:
     """Initial state of a body that is launched at the plate.
 
     speed: approach speed along the normal at release, m/s.
-    phase: where in a time step the touch falls, 0 <= phase < 1. With a clearance of (whole steps +
-        phase) steps of flight, engines that only look at step boundaries see the touch up to one
-    step late. height: clearance at release, m. None: two to three steps of flight, so that no time
-    is spent in the air. slip: velocity of the body along the plate at release, m/s: along the
-        direction that it is sent in (x in a scene), and across it.
-    spin: angular velocity at release, rad/s, about these two and about the normal away from the
-        plate. With spin[1] > 0 the body rolls on: its contact point slides by slip[0] - R spin[1].
+    phase: where in a time step the touch falls, 0 <= phase < 1. With a clearance of (whole steps + phase)
+        steps of flight, engines that only look at step boundaries see the touch up to one step late.
+    height: clearance at release, m. None: two to three steps of flight, so that no time is spent in the air.
+    slip: velocity of the body along the plate at release, m/s: along the direction that it is sent in (x in a
+        scene), and across it.
+    spin: angular velocity at release, rad/s, about these two and about the normal away from the plate. With
+        spin[1] > 0 the body rolls on: its contact point slides by slip[0] - R spin[1].
     """
 
     speed: float

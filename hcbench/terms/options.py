@@ -151,8 +151,8 @@ class LaunchOptions(TypedDict, total=False):
 
 
 class TargetOptions(TypedDict, total=False):
-    """Options for what a model is compared with: at most one of material, alpha, restitution,
-    points, baseline and require.
+    """Options for what a model is compared with: at most one of material, alpha, restitution, points,
+    baseline and require.
     """
 
     material: Annotated[

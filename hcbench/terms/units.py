@@ -257,9 +257,7 @@ def parse(
 
 
 def is_real(value: object) -> bool:
-    """Say whether a value is a number of Python or NumPy: no bool, no complex number, no
-    duration.
-    """
+    """Say whether a value is a number of Python or NumPy: no bool, no complex number, no duration."""
     # NumPy takes timedelta64 for an integer.
     if isinstance(value, bool | np.timedelta64):
         return False

@@ -164,9 +164,7 @@ def in_worker() -> bool:
 
 
 def environment() -> str:
-    """The name of the environment that this worker process was started in; "" for the user's
-    own.
-    """
+    """The name of the environment that this worker process was started in; "" for the user's own."""
     return _environment
 
 

@@ -54,9 +54,7 @@ class Orbits:
 
     @property
     def amplitude(self) -> Floats:
-        """Half the distance between the furthest points over the kept cycles, m, shape
-        (values,).
-        """
+        """Half the distance between the furthest points over the kept cycles, m, shape (values,)."""
         return np.asarray(0.5 * (self.highest.max(axis=1) - self.lowest.min(axis=1)))
 
 

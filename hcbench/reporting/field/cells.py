@@ -79,8 +79,8 @@ def probe(setting: Setting, scene: Scene) -> Probe | None:
 
 
 def _probe_here(setting: Setting, scene: Scene) -> Probe:
-    """Probe of a setting, in this process, which is the engine's worker: whether its bits repeat,
-    and its cost in s a ball and step, by the number of balls that were simulated together.
+    """Probe of a setting, in this process, which is the engine's worker: whether its bits repeat, and
+    its cost in s a ball and step, by the number of balls that were simulated together.
 
     Raises what the engine raises.
     """

@@ -152,9 +152,7 @@ class FieldView:
         return f"{engine_title(plain)} {self.results.versions.get(engine, '')}".strip()
 
     def recipe(self, case: Case) -> Recipe | None:
-        """The recipe that made the setting of a case; None where this hcbench has no such
-        recipe.
-        """
+        """The recipe that made the setting of a case; None where this hcbench has no such recipe."""
         return registry.recipes(registry.base_name(case.engine)).get(case.setting)
 
     def kind(self, case: Case) -> str:
