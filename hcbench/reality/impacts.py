@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hcbench.reality.motion import Motion, rotation
+from hcbench.reality.motion import Motion, rotation, without_fall
 from hcbench.sim.toss import GRAVITY, Body
 from hcbench.terms.impact import Floats
 
@@ -192,7 +192,7 @@ class _ImpactFit:
         """
         since = self.time[: self.before] - touch
         rows = np.stack([np.ones_like(since), since], axis=1)
-        risen = self.place[: self.before] + np.outer(0.5 * GRAVITY * since**2, [0.0, 0.0, 1.0])
+        risen = without_fall(self.place[: self.before], since)
         place, velocity = np.linalg.lstsq(rows, risen, rcond=None)[0]
         last = self.turns[self.before - 1]
         turned = (self.turns[: self.before] * last.inv()).as_rotvec()
@@ -220,9 +220,7 @@ class _ImpactFit:
         touch = float(np.clip(touch, last + 1e-4, first - 1e-4))
         place, velocity, base, spin = self._arc(touch)
         since = self.time[self.before :] - touch
-        moved = (
-            self.place[self.before :] + np.outer(0.5 * GRAVITY * since**2, [0.0, 0.0, 1.0]) - place
-        )
+        moved = without_fall(self.place[self.before :], since) - place
         # The velocity whose straight line from the touch is nearest to the frames after it.
         leaving = (moved * since[:, None]).sum(axis=0) / (since**2).sum()
         start = np.zeros(len(_SCALES))

@@ -147,6 +147,14 @@ def motion(number: int, body: Body, time: Floats, position: Floats, quaternion: 
     )
 
 
+def without_fall(position: Floats, since: Floats) -> Floats:
+    """Positions, m, shape (n, 3), less the way of gravity in times since some moment, s, shape (n,):
+    in free flight they lie on a straight line over time.
+    """
+    risen: Floats = position + np.outer(0.5 * GRAVITY * since**2, [0.0, 0.0, 1.0])
+    return risen
+
+
 def _start(time: Floats, position: Floats, quaternion: Floats) -> Toss:
     """State at the first time, by least squares of free flight: m, m/s and rad/s.
 
@@ -158,8 +166,7 @@ def _start(time: Floats, position: Floats, quaternion: Floats) -> Toss:
     """
     since = time - time[0]
     rows = np.stack([np.ones_like(since), since], axis=1)
-    risen = position + np.outer(0.5 * GRAVITY * since**2, [0.0, 0.0, 1.0])
-    place, velocity = np.linalg.lstsq(rows, risen, rcond=None)[0]
+    place, velocity = np.linalg.lstsq(rows, without_fall(position, since), rcond=None)[0]
     turns = rotation(quaternion)
     first = turns[0]
     spin = (turns[-1] * turns[0].inv()).as_rotvec() / since[-1]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import platform
@@ -17,7 +16,7 @@ from matplotlib.lines import Line2D
 from hcbench.cases.score import measured
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
-from hcbench.reporting.explorer import digits
+from hcbench.reporting.explorer import as_json, digits
 from hcbench.reporting.field import cells
 from hcbench.reporting.field.cells import MatrixCell, case_table, rows
 from hcbench.reporting.field.view import PLUGIN, STOCK, Case, FieldView, band, headline, versions
@@ -255,7 +254,7 @@ def page_data(view: FieldView, made: Iterable[StepMatrix]) -> str:
         "cases": [_case(view, case, texts) for case in numbers],
         "texts": list(texts),
     }
-    return json.dumps(content, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+    return as_json(content)
 
 
 def _table(table: StepMatrix, numbers: dict[Case, int]) -> dict[str, Any]:
