@@ -32,12 +32,12 @@ _REFERENCE_POINTS = 2001
 class LoopScore:
     """One loop against the law's loop at the same impact speed; ratios are engine / law.
 
-    rms: distance in force at equal penetration and branch, root mean square over the loop's path in x, over
-        the law's largest force.
+    rms: distance in force at equal penetration and branch, root mean square over the loop's path in
+        x, over the law's largest force.
     area_ratio: of the energy lost; NaN for a law without damping, which encloses no area.
+    force_ratio, penetration_ratio: of the largest of each. duration_ratio: of the times in contact.
     touch_force, parting_force: the force at x = 0 that the first and last two samples point to,
-    over
-        the largest.
+        over the largest.
     tension_share: the share of the impulse that pulls.
     samples: steps in contact.
     """
@@ -156,8 +156,17 @@ _Flags = NDArray[np.bool_]
 class Score:
     """Errors of one setting at one step over a band of speeds and phases, against one α.
 
-    Figures of loops are the worst of the loops given, NaN if none was resolved. Claims: True,
-    False, or None for "not resolved".
+    parted, rested, failed: numbers of impacts by how they ended.
+    max_error_..., rms_error_...: of e, against the law (`law`) and against 1 - α v (`linear`).
+    worst_speed_law: impact speed of the largest error, m/s.
+    constant_...: the best constant e over the band, and its largest errors.
+    phase_spread: largest change of e with the phase of the touch.
+    alpha_fit, alpha_fit_rms: α of the law nearest to the impacts, s/m, and what it leaves of e.
+    energy_exponent: p of the energy lost ∝ v^p; energy_exponent_law: of the law.
+    energy_gained: whether an impact returned more than it got. samples_min: fewest steps in
+    contact. loops, loop_rms ... tension_share: number of loops, and the worst of each figure of
+    `LoopScore`; NaN if none was resolved.
+    The last four are claims, see CLAIMS: True, False, or None for "not resolved".
     """
 
     impacts: int

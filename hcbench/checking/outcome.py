@@ -42,10 +42,10 @@ _ERRORS: dict[Verdict, type[HcbenchError]] = {
 class Outcome:
     """The result of one check.
 
-    against: what it was held against, in words.
+    name: of the check. against: what it was held against, in words.
     max_error: the limit; NaN where it was held against nothing.
-    message: one line.
-    worst: the row that decides.
+    message: one line. rows: points of the measured curve. worst: the one that decides.
+    measurement: None where the pair could not be measured, and for limits on landings.
     """
 
     name: str

@@ -145,12 +145,15 @@ class CheckSpec(_CheckTable):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One model compared with one target: `wanted` or `baseline`; neither:
-    only measured, for a new baseline.
+    """One model compared with one target: `wanted` or `baseline`; neither: only measured, for a new
+    baseline.
 
-    source: as in `measure`. targets: options that the user gave a target by.
-    max_error: largest |e - wanted| allowed at any speed and phase.
+    source: a file, several, or an object, as in `measure`. engine: None for the first that opens
+    it. request: the pair, its pose and the launches. targets: options that the user gave a target
+    by. max_error: largest |e - wanted| allowed at any speed and phase.
     limit: s, after which it counts as hung; None: see `measure`.
+    limits: on landings of a robot, which `drops` says how to drop, or on a recorded motion, the
+    file `trajectory`; in place of a target for e. rest: limits of the pair at rest, None without.
     """
 
     name: str

@@ -148,8 +148,8 @@ def motion(number: int, body: Body, time: Floats, position: Floats, quaternion: 
 
 
 def without_fall(position: Floats, since: Floats) -> Floats:
-    """Positions, m, shape (n, 3), less the way of gravity in times since some moment, s, shape (n,):
-    in free flight they lie on a straight line over time.
+    """Positions, m, shape (n, 3), less the way of gravity in times since some moment, s, shape
+    (n,): in free flight they lie on a straight line over time.
     """
     risen: Floats = position + np.outer(0.5 * GRAVITY * since**2, [0.0, 0.0, 1.0])
     return risen
@@ -202,7 +202,7 @@ def at_times(states: Floats, timestep: float, time: Floats) -> tuple[Floats, Flo
 
 @dataclass(frozen=True, slots=True)
 class Tosses:
-    """Motions of one body."""
+    """Motions of one body that was tossed, each until it rests."""
 
     body: Body
     motions: Sequence[Motion]

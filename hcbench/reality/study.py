@@ -53,11 +53,11 @@ NO_ENGINE = "none"
 
 @dataclass(frozen=True, slots=True)
 class SettingScore:
-    """A line of the table of scores: a mean error with its 95 % interval over n tosses or bounces.
+    """A line of the table of scores: a mean error with its 95 % interval, error_low to error_high,
+    over n tosses or bounces.
 
-    set: name of the data set. engine: NO_ENGINE for a floor.
-    cone: of friction, where the engine has several; else "".
-    unit: of the three errors.
+    set: name of the data set. engine: NO_ENGINE for a floor. setting: its name, or that of the
+    floor. cone: of friction, where the engine has several; else "". unit: of the three errors.
     rotation_deg: mean angle between the attitudes, degrees, of tosses; None for other sets.
     """
 

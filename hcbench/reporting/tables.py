@@ -35,8 +35,8 @@ _RUN = ["engine", "setting", "timestep_s"]
 
 
 class Views(NamedTuple):
-    """The same study with and without gravity, one of which may be
-    missing, and where bodies slid.
+    """The same study under its strongest gravity, without gravity, one of which may be None, and
+    where bodies slid.
 
     sliding: the impacts with friction, under every gravity; None where there are none.
     """

@@ -80,7 +80,9 @@ class RunKey(NamedTuple):
 
 @dataclass(frozen=True)
 class View:
-    """Results under one gravity as a report looks at them: `tables.under` picks them."""
+    """Results of a study under one gravity as a report looks at them: `tables.under` picks them. A
+    run is one setting of one engine at one step (`RunKey`), with several α.
+    """
 
     results: Results
 

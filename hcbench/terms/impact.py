@@ -352,11 +352,14 @@ Loop = Trajectory
 # Not frozen: thousands are made each second, each in a quarter of a frozen one's time.
 @dataclass(slots=True)
 class Impact:
-    """One impact. Speeds are >= 0, m/s; NaN only where `status` says
-    that there is nothing to report.
+    """One impact. Speeds are >= 0, m/s; NaN only where `status` says that there is nothing to
+    report.
 
+    reason: why it ended so, in words; "" for one that parted.
     speed_in, speed_out: at the touch plane.
     duration: of the contact, s. penetration_max, m; force_max, N.
+    samples: steps in which the contact force acted. loop: None where it was not recorded.
+    tangential: motion along the plate, of a measured impact with an oblique launch; else None.
     speed_after_force: of a user's model, in the first state that the contact force no longer acts
     in, from where joints and servos act on until the bodies part; else NaN.
     """
@@ -369,10 +372,8 @@ class Impact:
     duration: float = np.nan
     penetration_max: float = np.nan
     force_max: float = np.nan
-    # Steps in which the contact force acted.
     samples: int = 0
     loop: Loop | None = None
-    # Only a measured impact with an oblique launch has it.
     tangential: Tangential | None = None
     speed_after_force: float = np.nan
 

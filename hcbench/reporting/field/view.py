@@ -37,7 +37,7 @@ NO_BOUNCE = 0.05
 
 
 class Case(NamedTuple):
-    """One setting of one engine at one step (s), with gravity (m/s²) or without."""
+    """One setting of one engine, with its version, at one step: gravity in m/s², timestep in s."""
 
     engine: str
     setting: str
@@ -47,7 +47,9 @@ class Case(NamedTuple):
 
 @dataclass(frozen=True)
 class FieldView:
-    """Results for the study's main α, arranged by engine and condition."""
+    """Results of a field study for its main α, arranged by engine and condition. A condition is a
+    gravity (m/s²) and a step (s); a `Case` is one setting of one engine under it.
+    """
 
     results: Results
 
