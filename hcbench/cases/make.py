@@ -81,7 +81,8 @@ def world(
     gravity: Sequence[float] | float = 0.0,
     **more: Any,
 ) -> Json:
-    """Bodies over a floor, the half-space z < 0. e and friction are those of every pair.
+    """The world of a run: bodies over a floor, the half-space z < 0. e and friction are those of
+    every pair.
 
     timestep: s. gravity: m/s², a vector, or a number that acts downwards.
     more: other keys, or others in place of these; friction is 0 by default.
@@ -98,9 +99,11 @@ def world(
 
 
 def run(world: Json, record: Sequence[Sequence[int]], **expected: Any) -> Json:
-    """One simulation, with the true values that are expected of it, by quantity.
+    """One simulation as the file of cases states it, with the true values that are expected of it,
+    by quantity.
 
-    record: spans of steps after which the state is kept; it ends with the last.
+    world: as `world` makes it. record: spans of steps (first, last) after which the state is kept;
+    the simulation ends with the last.
     """
     return {
         "world": world,
@@ -133,7 +136,8 @@ _CASES: list[tuple[Json, Callable[[], Iterator[Json]]]] = []
 def case(
     source: str, equation: str, **tolerance: Json
 ) -> Callable[[Callable[[], Iterator[Json]]], Callable[[], Iterator[Json]]]:
-    """The next case of the set: a function that makes its runs, with the title as its docstring.
+    """Decorator that adds a case to the set: of a function that makes its runs, with the title as
+    its docstring.
 
     source: of the true value. equation: the true value in words, for a comment in an engine's test.
     tolerance: by quantity {"value": ..., "reason": ...}.

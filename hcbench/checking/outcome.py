@@ -182,10 +182,11 @@ def read_limits(text: str, of_landing: bool) -> tuple[Limit, ...]:
 
 
 def judge_landings(landings: Landings, limits: Sequence[Limit]) -> tuple[Verdict, str]:
-    """The verdict on all limits in each drop, at each place of its touch in a step, and a message that
-    names the worst.
+    """The verdict on all limits in each drop, at each place of its touch in a step, and a message
+    that names the worst.
 
-    A number that is NaN exceeds any limit.
+    limits: on quantities of a landing, by the names of LANDING; SI. A number that is NaN exceeds
+    any limit.
     """
     values = []
     for limit in limits:
@@ -199,6 +200,8 @@ def judge_landings(landings: Landings, limits: Sequence[Limit]) -> tuple[Verdict
 def judge_touchdowns(motion: TrajectoryTouchdowns, limits: Sequence[Limit]) -> tuple[Verdict, str]:
     """The verdict on all limits in each foot, and a message that names the worst.
 
+    motion: touchdowns of a recorded motion. limits: on "outside", the share of touchdowns outside
+    the band of speeds, on "normal" or on "slide", the largest speeds, m/s.
     FAILED where no foot touched down. Without a band, a limit on "outside" is exceeded.
     """
     values = []

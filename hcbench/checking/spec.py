@@ -301,7 +301,7 @@ def _limits(options: CheckOptions) -> tuple[tuple[Limit, ...], DropPlan | None]:
 
 
 def _as_written(baseline: "Baseline", request: Request, given: LaunchOptions) -> Request:
-    """The request with the launches of a baseline.
+    """The request with the launches of a baseline, so that both are of the same launches.
 
     given: the options of launches that the user wrote. Raises UserError where they mean other
     launches.

@@ -113,8 +113,8 @@ def _next_line(
     alpha: float | None,
     given: dict[str, Any],
 ) -> str:
-    """The command that holds the first pair to the limit, in CI too; that
-    measures it where it is beyond.
+    """The command to type next: it holds the first pair to the limit, in CI too; where the error of
+    the setting is beyond the limit, it measures the pair.
 
     limit: largest error of e that passes.
     model: the tuned model, as a shell takes it.

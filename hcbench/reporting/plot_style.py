@@ -118,7 +118,7 @@ class PlotStyle:
     def line(self, **more: Any) -> dict[str, Any]:
         """Keyword arguments for `Axes.plot` of a line in this style.
 
-        more: further ones, which come before those of the style.
+        more: further ones, which take the place of those of the style.
         """
         style: dict[str, Any] = {
             "color": self.colour,
