@@ -123,7 +123,8 @@ def cube_slopes(
 
 
 def ellipse_slope(impacts: Any) -> Slope:
-    """Slope of e of the ellipse's drops; noise in the speed before makes a slope of its own.
+    """Slope of e over the normal speed before, s/m, of the ellipse's drops, with its interval.
+    Noise in that speed makes a slope of its own, which `constant` of the result names.
 
     impacts: `EllipseImpacts`.
     """

@@ -229,8 +229,8 @@ class Worker:
         raise TimeoutError(f"no answer within {min(limit or math.inf, longest):g} s")
 
     def _answers(self, limit: float | None, longest: float) -> bool:
-        """Wait for an answer; False if there is none after `longest` s, or after `limit` s of the
-        process' time.
+        """Wait for an answer; False if there is none after `longest` s of the clock, or after
+        `limit` s of the process' processor time. With None for `limit` it waits for ever.
 
         On a busy machine the wait for its time is longer by the clock. A process that hardly runs
         at all counts as hung.

@@ -232,8 +232,9 @@ class TwoSidedContact:
         object.__setattr__(self, "size", np.array([self.length, self.speed, *rest]))
 
     def rates(self, t: Floats, y: Floats, mode: Modes, rows: Indices) -> Floats:
-        """dy/dt, shape of y: velocity, acceleration and, with the energy balance, the powers that
-        are lost and put in, W.
+        """dy/dt, shape of y: velocity, m/s, acceleration, m/s², and, with the energy balance, the
+        powers that are lost and put in, W. A block's force acts in the mode CONTACT alone, the
+        right one's towards smaller positions.
 
         t: times, s, shape (r,). y: states, shape (components, r). mode: of both contacts, shape
         (2, r). rows: numbers of the masses, shape (r,).
