@@ -84,8 +84,10 @@ force_option = click.option(
 
 
 def require_outputs(context: click.Context) -> None:
-    """Raises UserError or OutputError for an output that would replace an
-    input or what is not hcbench's.
+    """Raise UserError or OutputError for an output that would replace an input, or a file that
+    hcbench did not write.
+
+    context: of the command that runs, with its options.
     """
     outputs: dict[str, Path] = {}
     inputs: list[object] = []

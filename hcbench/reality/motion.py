@@ -218,8 +218,8 @@ class Tosses:
         values: Sequence[float],
         timestep: float = TIMESTEP,
     ) -> list[Floats]:
-        """States of an engine's setting, from the measured starts: of each toss shape (steps,
-        components).
+        """States of an engine's setting, from the measured starts: of each toss a row for each
+        step, shape (steps, components), in the columns POSITION, QUATERNION, VELOCITY and SPIN; SI.
 
         module: `toss` of the engine, which runs in this process. values: of the setting's
         parameters. timestep: s. Raises what the engine raises.

@@ -294,8 +294,8 @@ class Worker:
 
 
 def _inherit(handle: int) -> dict[str, Any]:
-    """The arguments of Popen by which the process, and no other that is
-    just being started, gets a handle: a file descriptor, or a handle of Windows.
+    """Arguments of Popen by which the process alone, and no other that is just being started, gets
+    a handle: a file descriptor, or a handle of Windows.
     """
     if sys.platform == "win32":
         os.set_handle_inheritable(handle, True)
