@@ -93,10 +93,9 @@ def versioned_title(adapter: Engine, name: str) -> str:
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> UserError:
-    """The error for a name that is not registered, with the nearest name; it is returned, not
-    raised.
+    """The error to raise for a name that is not registered, with the nearest name.
 
-    kind: what the name is of, such as "engine".
+    kind: what the name is of, such as "engine". known: the names that are registered.
     """
     from difflib import get_close_matches
 

@@ -78,9 +78,11 @@ class Condition(NamedTuple):
 
 
 def row(condition: Condition, alpha: float) -> Row:
-    """Answer of `hcbench tune` in these conditions for one α, s/m: [α, settings, constant].
+    """Answer of `hcbench tune` in these conditions for one α, s/m, found by a search: a row
+    [α, settings, constant].
 
-    The two are [name, largest error of e], or None for no such choice and where no recipe serves.
+    The two choices are [name, largest error of e], or None for no such choice and where no recipe
+    serves. Raises EngineMissing and EngineFailed as `find_answer`.
     """
     scene, target = _asked(condition, alpha)
     try:
@@ -95,10 +97,10 @@ def row(condition: Condition, alpha: float) -> Row:
 
 
 def lows(condition: Condition) -> list[list[float]]:
-    """Slowest speeds at which the plug-in is exact: pairs of an α, s/m, and the speed up to this α,
-    m/s.
+    """Slowest speeds at which the plug-in is exact, over α: pairs [α, speed], s/m and m/s, rising.
 
-    α of equal speeds are one pair; the list ends where the plug-in is exact nowhere in the band.
+    The speed holds up to that α, from the pair before. The list ends at the α above which the
+    plug-in is exact nowhere in the band.
     """
     recipe = first(registry.preferred(condition.engine), Role.LAW, "plane", native=False)
     assert recipe is not None
@@ -190,8 +192,10 @@ def errors_of(engines: Collection[str]) -> list[dict[str, Any]]:
 
 
 def _for_page(condition: dict[str, Any]) -> dict[str, Any]:
-    """A condition as the page has it: names of settings once, and rows with the numbers of the
-    names.
+    """A condition of the file in the shorter form that the page loads.
+
+    Its "names" has each setting's name once. Each of its "rows" is [α, settings, constant, constant
+    up to the next row], the last as `line` gives it, with a name's index in place of the name.
     """
     table = condition["rows"]
     numbers: dict[str, int] = {}
