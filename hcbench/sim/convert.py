@@ -118,7 +118,7 @@ def convert(
 def _of_material(
     known: MaterialPair, speed: Quantity | None
 ) -> tuple[float | None, float | None, float | None]:
-    """What a material gives to convert: (α, s/m, None, speed), or (None, e at the speed, speed) of
+    """Numbers of a material to convert: (α, s/m, None, speed), or (None, e at the speed, speed) of
     a material without an α; the speed is in m/s, None if unknown and not needed.
 
     speed: as the user gave it, or None: then e is taken at a speed of the source, the middle one.

@@ -168,7 +168,7 @@ class ReboundSearch(ABC, Generic[Spring]):
         yield from sorted(nearer, key=cost)
 
     def _nearest_of(self, frequencies: Sequence[float]) -> list[Spring]:
-        """Of each frequency, rad/s, the contact whose rebound is nearest to the target, if it is
+        """Contacts, one of each frequency, rad/s, whose rebound is nearest to the target, if it is
         nearer than the model's and neither short drops nor first long ones are worse; the nearest
         first, `grid.nearest` of them at most.
         """

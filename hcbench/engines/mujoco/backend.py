@@ -94,11 +94,12 @@ def keep_no_log() -> None:
 
 
 def plugin_warnings(warned: Iterable[str]) -> tuple[str, ...]:
-    """First warning of each kind that hcbench's plug-ins gave, each a line, in order.
+    """The warnings of hcbench's plug-ins, the first of each kind, one line each, in order.
 
     warned: all texts that MuJoCo gave; those of others are left out. The plug-in repeats a warning
     with other numbers for every MjData.
     """
+    # By a text's beginning, up to the numbers.
     kinds: dict[str, str] = {}
     for words in warned:
         if "plugin hcbench." in words:
