@@ -228,8 +228,8 @@ class MujocoEngine(
         speeds: lowest and highest of the band, m/s.
         whole: all in plain MuJoCo, under every option that the setting allows, which takes minutes.
         train: the longest train of bounces that the target allows; None: none.
-        A setting without rows is tested by impacts, as for every engine, and one with a law also
-        where it slides.
+        A setting without rows is tested by impacts, as for every engine, and one with a restitution
+        law also where it slides.
         """
         from hcbench.engines.mujoco.passivity.judge import certified, screened, with_law
 
