@@ -253,7 +253,7 @@ class Folder:
         shown = self._one_for_neighbours(curve)
 
         def nearest_to(wanted: float) -> ShownLaunches:
-            """Of each speed that is shown, the launch whose phase is nearest to the wanted one."""
+            """Launches in the phase that is nearest to the wanted one, one of each shown speed."""
             order = np.lexsort((phase, np.abs(phase - wanted), group))
             first_of_speed = np.unique(group[order], return_index=True)[1]
             nearest = order[first_of_speed][shown]
