@@ -108,8 +108,8 @@ def _damper(damping: float, impedance: tuple[float, float, float], adhesive: boo
     """A contact row that only damps, and the more the deeper the two bodies are.
 
     damping: per unit mass, 1/s. impedance: its highest value, the depth at which it is reached
-    (m), and the midpoint, as solimp has them; at touch it is MuJoCo's least. adhesive: whether the
-    row may pull.
+    (m), and the midpoint, three numbers of solimp; at touch it is MuJoCo's least. adhesive: whether
+    the row may pull.
     """
     solimp = (MIN_IMPEDANCE, *impedance, POWER)
     adhesion = 0.0

@@ -76,10 +76,10 @@ class Contact:
     friction: float = 0.0
 
     def model(self, bodies: str, options: Stepping, pairs: Sequence[Pair]) -> Any:
-        """A compiled model of a plane and these bodies, whose `pairs` have the contact.
+        """Compile a model of a plane and some bodies, of which some pairs have this contact.
 
-        bodies: <body> elements of MJCF. options: the plain model's. The contact's `option` wins over
-        its cone and solver, and over `timestep`; the integrator of `options` and `gravity` win.
+        bodies: <body> elements of MJCF. options: of the model; the contact's own `option` goes
+        before their cone and solver and before `timestep`, but not before their integrator.
         pairs: names of two geoms each; the plane's is "plate". Raises ValueError for wrong MJCF.
         """
         plain = {"timestep": repr(self.timestep), "cone": options.cone, "solver": options.solver}
@@ -99,8 +99,10 @@ class Contact:
         return self.model(body, options, [("ball", "plate")])
 
     def with_boxes(self, options: Stepping, count: int = 1) -> Any:
-        """A plain model of `count` boxes of edge 2 HALF, 0.5 kg each, one on top of the other on
-        the plane.
+        """Compile a model of boxes of edge 2 HALF, m, and 0.5 kg, one on top of the other on the
+        plane; each meets the next in this contact.
+
+        options: of the model. count: of boxes, 1 or more.
         """
         names = [f"box{i}" for i in range(count)]
         bodies = ""
@@ -212,8 +214,11 @@ def boxes_slide(contact: Contact, options: Stepping) -> list[Finding]:
 
 
 def _findings(contact: Contact, options: Stepping, body: _ThrownBody) -> Iterator[Finding]:
-    """Findings for one body: energy of throws; of a body that lies, hops where it slides, spins or
-    rolls, and creep on a slope if friction is enough to hold it.
+    """Yield findings for one body in a contact: the largest growth of energy in throws; and, for a
+    body that can lie still, how high it hops as it is laid down sliding, spinning or rolling, and
+    how fast it creeps on a slope, if friction is enough to hold it there.
+
+    options: under which it is simulated.
     """
     under = str(options)
     grew = 0.0
@@ -274,16 +279,13 @@ class _Path:
 def _followed(
     model: Any, body: _ThrownBody, velocity: tuple[float, ...], seconds: float, above: float = 0.0
 ) -> _Path:
-    """Let a body go and compare its energy before and after each contact.
+    """Let a body go, and return by which factor contacts made its energy grow at most, and how far it
+    rose, m; both infinite where the state is not finite at the end.
 
-    In free flight MuJoCo turns a body other than a ball with an error of its own: so only contacts
-    count.
-
-    velocity: (6,), m/s and, in its own frame, rad/s.
-    seconds: followed for so long, or _STEPS steps if that is less.
-    above: start over the touch, m.
-
-    Both numbers are infinite where the state is not finite at the end.
+    In free flight MuJoCo turns a body other than a ball with an error of its own: so only changes
+    by contacts count.
+    velocity: (6,), m/s and, in its own frame, rad/s. seconds: to simulate, or _STEPS steps if that
+    is less. above: height of the start over the touch, m.
     """
     data = backend().MjData(model)
     data.qpos[2] += above
@@ -316,10 +318,11 @@ def _followed(
 
 
 def _stepped(model: Any, data: Any, steps: int) -> tuple[NDArray[np.int32], Floats, Floats]:
-    """(number of contacts in the step that led to each of n states, (n,); its qvel, (n, 6); height
-    of the body after the step from it, m, (n,)) of a body on a free joint.
+    """Step a body on a free joint n times, and record for each of n states the number of contacts in
+    the step that led to it, (n,), its velocity qvel, (n, 6), and the height of the body after the
+    step from it, m, (n,).
 
-    data: moved on by n = `steps` steps. Hundred thousands of them are taken here: what is computed
+    data: MjData; moved on. steps: n. Hundred thousands of steps are taken here: what is computed
     from them waits for the end.
     """
     contacts = np.empty(steps, dtype=np.int32)
@@ -402,9 +405,10 @@ def drops(
     heights: Sequence[float] = HEIGHTS,
     train: LongestTrain | None = None,
 ) -> Bounces:
-    """Bounces of balls that are dropped from heights (m) and simulated for LASTS (s).
+    """Drop balls in a plain model from heights, m, simulate them for LASTS s, and read how they
+    bounce.
 
-    train: the longest train of bounces that the target allows; None: none.
+    options: of the model. train: the longest train of bounces that the target allows; None: none.
     """
     mujoco = backend()
     model = contact.with_ball(options)
@@ -427,8 +431,10 @@ def drops(
 
 
 def rest_on_slope(contact: Contact, options: Stepping, degrees: float = 10.0) -> Rest:
-    """Rest of a ball that may not turn on a slope of `degrees`, held by friction: its drift, m/s,
-    depth, m, and force.
+    """Let a ball that may not turn rest on a slope, held by friction: its drift, m/s, depth, m, and
+    vibration.
+
+    options: of the plain model. degrees: angle of the slope; gravity is turned by it.
     """
     slides = ""
     for axis in ("1 0 0", "0 1 0", "0 0 1"):
@@ -440,9 +446,8 @@ def rest_on_slope(contact: Contact, options: Stepping, degrees: float = 10.0) ->
 
 
 def _rest(model: Any, seconds: float) -> Rest:
-    """Rest of the first body of a model, from its start at qpos0, over the last half of `seconds`.
-
-    Depth is how far it sinks below the start, m; its drift is along x and y.
+    """Let the first body of a model rest, from its start at qpos0, and measure the last half of
+    `seconds`: penetration, by how far it sinks below the start, m, and drift along x and y, m/s.
     """
     mujoco = backend()
     data = mujoco.MjData(model)
@@ -464,11 +469,11 @@ def _rest(model: Any, seconds: float) -> Rest:
 
 
 def box_growth(contact: Contact, options: Stepping, attitude: str, speed: float) -> float:
-    """Largest ratio of a box's energy in a flight to that in an earlier one: above 1 it gained
-    some; infinite where it diverged.
+    """Throw a box on the plate, and return the largest ratio of its energy in a flight to that in an
+    earlier one: above 1 it gained energy; infinite where it diverged.
 
-    attitude: a key of _ATTITUDES. speed: downwards at touch, m/s; the box starts 2.4 steps before
-    it.
+    options: of the plain model. attitude: a key of _ATTITUDES. speed: downwards at touch, m/s; the
+    box starts 2.4 steps before the touch.
     """
     model = contact.with_boxes(options)
     quaternion, high = _ATTITUDES[attitude]
@@ -480,10 +485,11 @@ def box_growth(contact: Contact, options: Stepping, attitude: str, speed: float)
 
 
 def _growth(model: Any, data: Any, seconds: float) -> float:
-    """The largest energy of a later flight of the first body over that of an earlier one.
+    """The largest ratio of a body's energy in a flight to that in an earlier flight; infinite where
+    the state is not finite at the end.
 
-    data: MjData at the start, in flight; stepped for `seconds`. Flights slower than _SLOWEST g h
-    count as that fast. Infinite where the state is not finite at the end.
+    model: of one body on a free joint. data: MjData at the start, in flight; stepped for `seconds`.
+    Flights with less energy than that of the speed _SLOWEST g h count as that fast.
     """
     g = -model.opt.gravity[2]
     h = model.opt.timestep
@@ -514,7 +520,8 @@ def boxes(contact: Contact, options: Stepping) -> Iterator[Finding]:
 def certify(
     contact: Contact, slides: bool, runs: Sequence[Stepping], train: LongestTrain | None = None
 ) -> Passivity:
-    """Run the whole gate under each of the options, and join what it finds.
+    """Run all tests of a contact under each of several options, and join what they find: drops, a
+    ball on a slope and rolling, boxes that fall, a stack, and bodies that slide and spin.
 
     slides: true for a contact whose friction holds a ball on a slope.
     runs: options, one or more.
@@ -552,7 +559,10 @@ def certify(
 
 
 def _rolling(contact: Contact, options: Stepping) -> float:
-    """Kinetic energy of a ball that rolls for _ROLL_S, at the end over that at the start."""
+    """Let a ball roll for _ROLL_S s, and return its kinetic energy at the end over that at the start.
+
+    options: of the plain model.
+    """
     model = contact.with_ball(options)
     data = backend().MjData(model)
     data.qvel[0] = _ROLLS
