@@ -48,13 +48,14 @@ def simulate(
     timestep: float,
     tosses: Sequence[Toss],
 ) -> list[Floats]:
-    """States before the first step of Euler's integrator and after each, (steps + 1, 13), of each
-    toss.
+    """Simulate tosses of a body onto a plate by MuJoCo's Euler integrator: states before the first
+    step and after each, (steps + 1, 13), an array a toss.
 
     values: of the setting's parameters, SI, in its order. timestep: s. tosses: motions to start
-    from, each with its time.
-    A state is position, quaternion w x y z, velocity and spin, in the world. Raises SettingError
-    for numbers that a plug-in's law does not take, EngineMissing or EngineFailed without MuJoCo.
+    from, each with its number of steps.
+    A state is position, quaternion w x y z, velocity and spin, SI, in the world. Raises
+    SettingError for numbers that a plug-in's law does not take, EngineMissing or EngineFailed
+    without MuJoCo.
     """
     mujoco = backend()
     model = _model(mujoco, body, setting, values, timestep)
@@ -101,11 +102,11 @@ def _model(
 
 
 def _simulate(mujoco: Any, model: Any, data: Any, toss: Toss, timestep: float) -> Floats:
-    """States of one toss before the first step and after each, (steps + 1, 13), SI, in the world.
+    """Simulate one toss: its states before the first step and after each, (steps + 1, 13), SI, in
+    the world: position, quaternion w x y z, velocity and spin.
 
-    A state is position, quaternion w x y z, velocity and spin. Velocities are those of the true
-    motion at the step's end, which `as_body` makes of the integrator's. mujoco: the module. data:
-    MjData of the model, reset here. timestep: s.
+    Velocities are those of the true motion at the step's end, which differ from the integrator's by
+    half a step of gravity. mujoco: the module. data: MjData of the model, reset here. timestep: s.
     """
     mujoco.mj_resetData(model, data)
     turn = np.empty(9)
