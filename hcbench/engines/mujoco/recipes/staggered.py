@@ -36,7 +36,7 @@ _POINTS = 501
 
 
 def restitution_sensitivity(law: HuntCrossley, mass: float, speed: float, grid: Floats) -> Floats:
-    """How much an error of a contact's damping at each penetration changes e: weights K, (n,),
+    """Sensitivity of e to an error of a contact's damping at each penetration: weights K, (n,),
     1/(N s/m), with δe = K @ (g - a f)(grid).
 
     law, mass (kg): of the impact. speed: at touch, m/s. grid: penetrations, m, (n,), rising.

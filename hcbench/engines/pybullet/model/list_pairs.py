@@ -70,7 +70,8 @@ _NamedPart = tuple[str, str, tuple[int, int]]
 
 
 def list_pairs(world: LoadedWorld) -> list[CandidatePair]:
-    """Every pair of links of two bodies, one of which moves; those that touch come first.
+    """List every pair of links of two bodies of a world of which one moves; pairs that touch come
+    first.
 
     Soft bodies are left out: PyBullet does not report their contacts. Raises UserError for one file
     alone, which has nothing to meet.
@@ -98,7 +99,9 @@ def list_pairs(world: LoadedWorld) -> list[CandidatePair]:
 
 
 def alone_error(world: LoadedWorld) -> UserError:
-    """The error for one file, which has nothing to meet; it names PyBullet's own floor."""
+    """The error to raise for a world of one file, which has nothing to meet; it advises to add
+    PyBullet's own floor.
+    """
     floor = "plane.urdf"
     data = find_spec("pybullet_data")
     folders = data.submodule_search_locations if data else None
@@ -113,10 +116,11 @@ def alone_error(world: LoadedWorld) -> UserError:
 def _described(
     world: LoadedWorld, bodies: dict[int, BulletBody], first: _Link, second: _Link
 ) -> CandidatePair:
-    """A pair as a row of the list, in the world's present pose.
+    """Describe a pair of links in the world's present pose: names, shapes, effective mass (kg), signed
+    distance (m) and contact parameters.
 
-    bodies: by PyBullet's numbers.
-    first: one that moves. Mass (kg) and distance (m) are NaN where PyBullet finds no distance.
+    bodies: by PyBullet's numbers. first: one that moves. Mass and distance are NaN where PyBullet
+    finds no distance.
     """
     bullet = world.bullet
     pair = (first, second)
@@ -192,10 +196,10 @@ def _type(bullet: BulletClient, link: _Link) -> str:
 
 
 def _joint(body: BulletBody, link: int) -> str:
-    """Joints that let a link move, in words: "its free base", "its joints (...)" with the first six between
-    the base and it, or "nothing".
+    """Phrase of what lets a link move: "its free base", "its joints (...)" with up to six that it
+    hangs on, or "nothing".
 
-    link: -1 the base. A base of mass 0 is fixed in Bullet.
+    link: number, -1 the base. A base of mass 0 is fixed in Bullet.
     """
     if body.mass > 0.0:
         return "its free base"
@@ -210,10 +214,11 @@ def _joint(body: BulletBody, link: int) -> str:
 
 
 def find_pair(world: LoadedWorld, names: tuple[str, str] | None) -> tuple[BodyPart, BodyPart]:
-    """Find the two that meet: the world's own, or those of `names`, each a file, a body, or a link
-    ("body/link" where links share a name); without names, the world's only two bodies.
+    """Find the two parts of a world that are to meet: those that the user's World states; else those
+    of `names`; else the world's only two bodies.
 
-    Raises UserError for a choice, an unknown name, and one body twice.
+    names: of two parts, each a file, a body, or a link ("body/link" where links share a name); None
+    for none. Raises UserError for a world with a choice, an unknown name, and one body twice.
     """
     bullet = world.bullet
     if world.pair:
@@ -271,9 +276,10 @@ def _by_id(bullet: BulletClient, part: int | tuple[int, int]) -> BodyPart:
 
 
 def _named_parts(world: LoadedWorld) -> list[_NamedPart]:
-    """(kind, name, (body, link)) of every name that a user may write, bodies first.
+    """All names by which a user may call a part of a world: (kind, name, (body, link)) of each, those
+    of bodies first.
 
-    A link's name alone counts only if no other link has it; with its body's before it, always.
+    A link's name alone counts only if no other link has it; together with its body's, always.
     """
     bullet = world.bullet
     bodies: list[_NamedPart] = []
