@@ -125,7 +125,9 @@ def _crossing_speed(x: Floats, at: NDArray[np.int64], h: float) -> Floats:
     """
     launch = np.arange(len(x))
     middle = np.clip(at, 1, max(1, x.shape[1] - 2))
-    before, here, after = (x[launch, np.minimum(middle + i, x.shape[1] - 1)] for i in (-1, 0, 1))
+    before = x[launch, middle - 1]
+    here = x[launch, np.minimum(middle, x.shape[1] - 1)]
+    after = x[launch, np.minimum(middle + 1, x.shape[1] - 1)]
     # v² = v_here² - 2 a x_here, with the central differences of the parabola, all times h².
     with np.errstate(all="ignore"):
         squared = (0.5 * (after - before)) ** 2 - 2.0 * (after - 2.0 * here + before) * here

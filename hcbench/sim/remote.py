@@ -145,7 +145,7 @@ class RemoteEngine(Wrapped):
         return self.environment.version
 
     def recipes(self) -> Sequence[Recipe]:
-        """The adapter's recipes, each with a function that runs in the engine's environment: the
+        """Recipes of the adapter, each with a function that runs in the engine's environment: the
         options may depend on the engine's version.
         """
         recipes = []

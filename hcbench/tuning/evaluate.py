@@ -105,7 +105,9 @@ def held_out_launches(target: Target) -> Sequence[Launch]:
     inside = np.sort((np.arange(1, _SPEEDS - 1) * _GOLDEN) % 1.0)
     grid = target.speed_min + _width(target) * np.concatenate([[0.0], inside, [1.0]])
     phases = (np.arange(_PHASES) + _GOLDEN) / _PHASES
-    speed, phase = (axis.ravel() for axis in np.meshgrid(grid, phases, indexing="ij"))
+    # Each speed at each phase, phases of one speed after another.
+    speed = np.repeat(grid, _PHASES)
+    phase = np.tile(phases, len(grid))
     random = np.random.default_rng(_SEED)
     shares = random.uniform(size=_RANDOM)
     # Squares crowd towards the low end: slow impacts are the hard ones.

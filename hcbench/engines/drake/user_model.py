@@ -397,8 +397,9 @@ def bring_to_touch(loaded: LoadedPlant, context: Any, request: Request) -> Place
     Raises SceneError where the two start deep in each other, UserError for names that the model
     does not have and where no joint brings the two together.
     """
-    names = request.pair or _only_pair(loaded)
-    first, second = (loaded.part(name) for name in names)
+    first_name, second_name = request.pair or _only_pair(loaded)
+    first = loaded.part(first_name)
+    second = loaded.part(second_name)
     near = loaded.nearest(context, first, second)
     start = loaded.plant.GetPositions(context)
     require_apart(near.distance, _size(loaded, near), first.name, second.name)

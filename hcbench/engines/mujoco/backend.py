@@ -94,7 +94,7 @@ def keep_no_log() -> None:
 
 
 def plugin_warnings(warned: Iterable[str]) -> tuple[str, ...]:
-    """The warnings of hcbench's plug-ins, the first of each kind, one line each, in order.
+    """Warnings of hcbench's plug-ins, the first of each kind, one line each, in order.
 
     warned: all texts that MuJoCo gave; those of others are left out. The plug-in repeats a warning
     with other numbers for every MjData.

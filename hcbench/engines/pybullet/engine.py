@@ -93,7 +93,7 @@ class PybulletEngine(
         return options.snippet(setting, form, pair)
 
     def model_options(self, setting: Setting) -> tuple[tuple[str, str], ...]:
-        """The time step: Bullet's other settings of the world are in the text."""
+        """Options of the model, the time step alone: Bullet's other settings of the world are in the text."""
         return (("fixedTimeStep", shortest(setting.timestep)),)
 
     def promised(self, text: str, pair: Pair, promise: Promise) -> str:

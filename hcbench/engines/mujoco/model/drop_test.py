@@ -153,7 +153,7 @@ class ModelDropBench(DropBench):
         )
 
     def _described(self, label: str, controller: str) -> Robot:
-        """The robot's data for results: names, mass (kg), time step (s) and gravity (m/s²).
+        """Data of the robot for results: names, mass (kg), time step (s) and gravity (m/s²).
 
         label: name of its model. controller: what holds its joints, in words.
         """
@@ -274,7 +274,7 @@ class ModelDropBench(DropBench):
         return self._dropped.landed(self._motion(state, sensors[0]), drop.height)
 
     def _motion(self, state: Floats, sensors: Floats) -> DropMotion:
-        """The robot's motion at each of n steps, read from the sensors of a simulation.
+        """Motion of the robot at each of n steps, read from the sensors of a simulation.
 
         state: MuJoCo's full state after each step, (n, nstate). sensors: data of all sensors, (n,
         nsensordata).

@@ -393,7 +393,8 @@ def _why_apart(model: Any, geoms: tuple[int, int]) -> tuple[str, ...]:
         case "parent":
             return "parent and child are filtered", "a <pair> of the two in <contact>"
         case "":
-            one, other = (_shape(model, geom) for geom in geoms)
+            one = _shape(model, geoms[0])
+            other = _shape(model, geoms[1])
             return (
                 f"MuJoCo made no contact of a {one} inside a {other}",
                 "two geoms that it collides, that meet along their common normal",

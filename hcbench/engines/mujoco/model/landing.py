@@ -533,7 +533,9 @@ def _moving_first(model: Any, data: Any, kept: set[_Geoms] | None) -> list[_Geom
         # A geom of -1 is none: the contact is that of a flex.
         if excluded or distance > 0.0 or min(a, b) < 0:
             continue
-        a_moves, b_moves = (bool(model.body_weldid[model.geom_bodyid[geom]]) for geom in (a, b))
+        # Bodies that are welded to the world have a weldid of 0.
+        a_moves = bool(model.body_weldid[model.geom_bodyid[a]])
+        b_moves = bool(model.body_weldid[model.geom_bodyid[b]])
         is_asked = a_moves != b_moves if kept is None else _ascending((a, b)) in kept
         if is_asked:
             pairs[-1] = (a, b) if a_moves else (b, a)
@@ -578,7 +580,8 @@ def _foot(model: Any, geoms: _Geoms, events: Sequence[Touchdown]) -> Touchdowns:
     else:
         solref = contact_in_force(model, *geoms)["solref"]
         setting = "solref " + " ".join(f"{x:.4g}" for x in solref)
-    part, other = (_geom_or_body_name(model, geom) for geom in geoms)
+    part = _geom_or_body_name(model, geoms[0])
+    other = _geom_or_body_name(model, geoms[1])
     time, speed, slide = np.array(events).T
     return Touchdowns(part, other, time, speed, slide, band, setting)
 

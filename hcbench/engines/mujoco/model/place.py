@@ -413,7 +413,7 @@ def _guess_normal(pair: ContactPair, data: Any) -> Floats:
 
 
 def _slide(row: Floats, joint: MovingJoint) -> Floats | None:
-    """The smallest velocity of a mover's degrees of freedom with which the two approach at 1 m/s,
+    """Smallest velocity of the degrees of freedom of a mover with which the two approach at 1 m/s,
     (nv,); None where the mover hardly changes the approach rate.
 
     row: Jacobian of the approach rate, (nv,).

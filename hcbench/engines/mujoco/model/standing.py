@@ -151,7 +151,7 @@ def _at_touch(opened: OpenedModel) -> Any:
 
 
 def _tilted(opened: OpenedModel, angle: float) -> Floats:
-    """The model's gravity turned by an angle, rad, as a vector, m/s², (3,), as if the plate were a
+    """Gravity of the model turned by an angle, rad, as a vector, m/s², (3,), as if the plate were a
     slope; it is turned towards the axis of the world that is most across it. 0 without gravity.
     """
     gravity = np.array(opened.model.opt.gravity)

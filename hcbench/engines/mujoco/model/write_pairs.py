@@ -560,7 +560,8 @@ def slip_under_load(solref: Sequence[float], solimp: Sequence[float], impedance:
     solref, solimp: of the row, in either of MuJoCo's formats. impedance: d, held within MuJoCo's
     bounds.
     """
-    d, dmax = (min(max(number, MIN_IMPEDANCE), MAX_IMPEDANCE) for number in (impedance, solimp[1]))
+    d = min(max(impedance, MIN_IMPEDANCE), MAX_IMPEDANCE)
+    dmax = min(max(solimp[1], MIN_IMPEDANCE), MAX_IMPEDANCE)
     damping = -solref[1] if solref[0] <= 0.0 else 2.0 / max(solref[0], 1e-6)
     return (1.0 - d) / d * dmax / max(damping, 1e-6)
 

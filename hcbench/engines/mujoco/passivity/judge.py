@@ -82,7 +82,9 @@ def bounces_in_rows(
     fastest = max(high, math.sqrt(2.0 * gravity * HEIGHTS[-1]))
     grid = np.geomspace(_SLOW * low, fastest, _SPEEDS)
     phases = (np.arange(_PHASES) + 0.5) / _PHASES
-    speed, phase = (axis.ravel() for axis in np.meshgrid(grid, phases, indexing="ij"))
+    # Each speed at each phase, phases of one speed after another.
+    speed = np.repeat(grid, _PHASES)
+    phase = np.tile(phases, _SPEEDS)
     drops = _Drops(rows, timestep, gravity)
     max_e, gains_below, _ = drops.run(drops.touching(speed, phase), is_single=True)
     impacts = Bounces(max_e, gains_below, still_bouncing=0, tried=speed.size)

@@ -485,7 +485,7 @@ def box_growth(contact: Contact, options: Stepping, attitude: str, speed: float)
 
 
 def _growth(model: Any, data: Any, seconds: float) -> float:
-    """The largest ratio of a body's energy in a flight to that in an earlier flight; infinite where
+    """Largest ratio of the energy of a body in a flight to that in an earlier flight; infinite where
     the state is not finite at the end.
 
     model: of one body on a free joint. data: MjData at the start, in flight; stepped for `seconds`.

@@ -152,7 +152,8 @@ def _launches(
         _grid(_SLOW * low / high, low / high, *below),
         _grid(1.0, max(1.0, _FAST / high), *above),
     ]
-    u, where = (np.concatenate(part) for part in zip(*parts, strict=True))
+    u = np.concatenate([shares for shares, _ in parts])
+    where = np.concatenate([phases for _, phases in parts])
     target = np.where(np.arange(u.size) < parts[0][0].size, curve.at(u * high), np.nan)
     return u, where, target
 

@@ -208,8 +208,8 @@ class ConstraintRow:
         return -self.solref[1]
 
     def option(self) -> dict[str, Any]:
-        """The row as an entry of a setting's option `rows`, by the names of fields; those of friction
-        are there only if it has some.
+        """Entry of the option `rows` of a setting for this row, by the names of fields; those of
+        friction are there only if it has some.
         """
         option: dict[str, Any] = {
             "solref": list(self.solref),
@@ -318,7 +318,7 @@ def restitution(
     duration: to simulate, s.
     """
     phase = (np.arange(phases) + 0.5) / phases
-    v_i, before = (grid.copy() for grid in np.meshgrid(speeds, phase, indexing="ij"))
+    v_i, before = np.meshgrid(speeds, phase, indexing="ij")
     x = -before * timestep * v_i
     v = v_i.copy()
     for _ in range(int(duration / timestep) + 2):

@@ -274,7 +274,9 @@ def _in_cup(model: SceneModel, paths: _Paths, clearance: float) -> Floats:
     clearance: |R2| - R1 of the cup, m, the radius of that sphere.
     """
     distance, deeper = _from_centre(model, paths, clearance)
-    vx, vy, vz = (paths.state(_VELOCITY, i) for i in range(3))
+    vx = paths.state(_VELOCITY, 0)
+    vy = paths.state(_VELOCITY, 1)
+    vz = paths.state(_VELOCITY, 2)
 
     def along(vector: list[Floats]) -> Floats:
         return np.asarray(deeper[0] * vector[0] + deeper[1] * vector[1] + deeper[2] * vector[2])

@@ -375,8 +375,8 @@ class ContactRow:
 def contact_row(
     first: tuple[BulletBody, int], second: tuple[BulletBody, int], point: Vector, direction: Vector
 ) -> ContactRow:
-    """How two bodies respond to a unit force at the point where they touch, as a `ContactRow`: from
-    it follows their effective mass along the direction, and how one contact moves another.
+    """Responses of two bodies to a unit force at the point where they touch, as a `ContactRow`:
+    from them follow their effective mass along the direction, and how one contact moves another.
 
     first, second: (body, number of its link, -1 the base) each. point: where they touch, m, in the
     world. direction: unit vector, in the world, of the force on the first. The response of the

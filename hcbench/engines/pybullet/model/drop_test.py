@@ -149,7 +149,7 @@ class WorldDropBench(DropBench):
         return over_floor, *drive_of("ctrl" if has_motors else "pd", over_floor)
 
     def _described(self) -> tuple[Robot, float]:
-        """The robot's data for results, and its mass, kg. Called in a forked copy."""
+        """Data of the robot for results, and its mass, kg. Called in a forked copy."""
         over_floor, _, controller = self._prepared()
         gx, gy, gz = (-over_floor.g * over_floor.up + 0.0).tolist()
         robot = Robot(

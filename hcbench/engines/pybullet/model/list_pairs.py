@@ -80,8 +80,10 @@ def list_pairs(world: LoadedWorld) -> list[CandidatePair]:
     bodies = {number: BulletBody(bullet, number) for number in bullet.bodies()}
     links = []
     for number, body in bodies.items():
-        numbers = range(-1, len(body.joints))
-        links += [link for link in (_Link(number, each) for each in numbers) if _type(bullet, link)]
+        for index in range(-1, len(body.joints)):
+            link = _Link(number, index)
+            if _type(bullet, link):
+                links.append(link)
     pairs = []
     for one, two in combinations(links, 2):
         one_is_fixed = bodies[one.body].kind == "fixed"
@@ -222,26 +224,29 @@ def find_pair(world: LoadedWorld, names: tuple[str, str] | None) -> tuple[BodyPa
     """
     bullet = world.bullet
     if world.pair:
-        one, two = (_by_id(bullet, part) for part in world.pair)
-        return one, two
+        first, second = world.pair
+        return _by_id(bullet, first), _by_id(bullet, second)
     if names is None:
         numbers = bullet.bodies()
         if len(numbers) < 2:
             raise alone_error(world)
         if len(numbers) > 2:
             raise choice_error(list_pairs(world))
-        one, two = (
-            BodyPart(world.files.get(body, f"body:{body}"), body, ANY_LINK) for body in numbers
-        )
-        return one, two
+        return _whole_body(world, numbers[0]), _whole_body(world, numbers[1])
     parts = _named_parts(world)
-    found = (_by_name(parts, name) for name in names)
-    one, two = (replace(part, file=world.files.get(part.body, "")) for part in found)
+    one, two = _by_name(parts, names[0]), _by_name(parts, names[1])
+    one = replace(one, file=world.files.get(one.body, ""))
+    two = replace(two, file=world.files.get(two.body, ""))
     if one.body == two.body and (one.link == two.link or ANY_LINK in (one.link, two.link)):
         raise UserError(
             "pair", f"{one.name!r} and {two.name!r} are the same body", "two that can meet"
         )
     return one, two
+
+
+def _whole_body(world: LoadedWorld, body: int) -> BodyPart:
+    """Any link of a body, under the name of its file, or its number where it came from none."""
+    return BodyPart(world.files.get(body, f"body:{body}"), body, ANY_LINK)
 
 
 def _by_name(parts: list[_NamedPart], name: str) -> BodyPart:
