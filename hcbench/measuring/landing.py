@@ -165,7 +165,8 @@ def _landed(drops: DropPlan, job: Job) -> Landings:
     """Drop the robot of a job in this process, and add notes on a step that is too long.
 
     A controller "file.py:function" is read here. Raises UserError for an engine in which hcbench
-    drops no robots, and for a controller in a file that cannot be used; else as `source_of`.
+    drops no robots, for a controller or a model in a Python file that cannot be used, and for a
+    model that no engine opens; SceneError for a file that no engine opens.
     """
     engine, source, rebuild = source_of(job)
     if not isinstance(engine, LandsRobots):

@@ -254,12 +254,14 @@ _THREE_NUMBERS = re.compile(r"\s*[-+\d.e]+\s+[-+\d.e]+\s+[-+\d.e]+.*")
 
 @checked
 def make_request(pair: BodyPair | None = None, **launch: Unpack[LaunchOptions]) -> Request:
-    """A request from what a user writes, text with units parsed.
+    """Make the request of a measurement from what a user writes: numbers, or text with units.
 
-    pair: "a,b" or ("a", "b"), first the one that moves.
-    launch: as `LaunchOptions` describes it.
+    pair: "a,b" or ("a", "b"), first the one that moves; None where the model leaves no choice.
+    launch: the pose, the launches and the world by name, such as speeds, height, angle, phases,
+    qpos, state, timestep and gravity; `LaunchOptions` has them all. None stands for not given.
 
-    Raises UserError, and QuantityError for numbers and units.
+    Raises UserError for options that exclude each other, and QuantityError for numbers and units
+    that cannot be read.
     """
     given: dict[str, Any] = {name: value for name, value in launch.items() if value is not None}
     if "along" in given and "angle" not in given and "spin" not in given:

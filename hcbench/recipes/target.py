@@ -222,10 +222,10 @@ LOWEST_UNDERDAMPED = math.exp(-2.0)
 
 
 def minimax_constant(target: Target) -> tuple[float, float]:
-    """The constant e with the least largest error over the band, and that error.
+    """The constant e with the least largest error over a target's band of speeds, and that error.
 
-    e falls with v, so the error is largest at both ends of the band and the best constant is
-    halfway.
+    e falls with speed, so the error is largest at both ends of the band and the best constant is
+    halfway between the e there.
     """
     ends = target.restitution(np.array([target.speed_min, target.speed_max]))
     high = float(ends.max())

@@ -97,13 +97,16 @@ class Launches(Columns[Launch]):
             height = math.nan
             if launch.height is not None:
                 height = launch.height
+            # In the order of `of_table`.
             rows.append((launch.speed, launch.phase, height, *launch.slip, *launch.spin))
         return cls.of_table(np.array(rows, dtype=np.float64).reshape(-1, 8))
 
     @classmethod
     def of_table(cls, table: Floats) -> Launches:
-        """Launches from a table, shape (n, 8): speed, phase, height, slip 2, spin 3. Their columns
-        are views of it.
+        """Launches from a table, (n, 8), of which their columns are views.
+
+        table: of each launch speed, m/s; phase, 0 to 1; height, m, NaN for none; slip, m/s (2
+        columns); spin, rad/s (3 columns).
         """
         return cls(
             speed=table[:, 0],

@@ -124,8 +124,8 @@ class Engine(ABC):
     ) -> Trajectory:
         """Every step of `duration` s after release, however often the body bounces.
 
-        Raises EngineFailed where an engine knows single impacts only, SettingError and SceneError
-        as `impacts` does.
+        Raises EngineFailed where an engine knows single impacts only, SettingError for options that
+        it does not have or a step too coarse for them, SceneError for a scene that it cannot load.
         """
         raise EngineFailed(
             self.name, "knows single impacts only", "an engine that can go on after one"
@@ -216,8 +216,9 @@ class Engine(ABC):
     def run_columns(self, scene: Scene, setting: Setting, launches: Launches) -> Impacts:
         """Run launches by the thousand, without an object for each impact.
 
-        Raises SettingError for a scene, a setting or a step without meaning and for a setting of
-        another engine, and what `impacts` raises.
+        Raises SettingError for a scene, a setting or a step without meaning, for a setting of
+        another engine and for options that the engine does not have, SceneError for a scene that it
+        cannot load, EngineMissing, EngineFailed.
         """
         _require_types(scene, setting)
         if setting.engine != self.name:

@@ -342,7 +342,8 @@ def passivity_of(
     speeds: the band, lowest and highest, m/s.
     train: the longest train of bounces that its target allows; None for a setting that must rest in
     LASTS seconds.
-    An engine without time steps has no drops. Raises what `Engine.run` raises.
+    An engine without time steps has no drops. Raises SettingError for a setting that the engine
+    cannot have, SceneError for a scene that it cannot load, EngineMissing, EngineFailed.
     """
     low, high = speeds
     # An engine in an environment of its own answers by its adapter.
@@ -387,10 +388,14 @@ def drops_in(
     heights: Sequence[float] = HEIGHTS,
     train: LongestTrain | None = None,
 ) -> Bounces:
-    """Drops of LASTS in an engine, by its own steps, under the scene's gravity or the standard one.
+    """Drop the scene's body in an engine from each height, m, simulate it for LASTS s by the engine's
+    own steps, and read how it bounces.
 
-    heights: m. train: as of `passivity_of`.
-    Raises what `load` raises, and the error of a worker process that died or hung.
+    The scene's gravity acts, or the standard one where it has none.
+
+    train: the longest train of bounces that the setting's target allows; None: it must rest.
+    Raises SettingError for a setting that the engine cannot have, SceneError for a scene that it
+    cannot load, EngineMissing, EngineFailed for a worker process that died or hung.
     """
     with_gravity = replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
     if not engine.own_process:

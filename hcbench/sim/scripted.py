@@ -449,6 +449,7 @@ class BatchSimulation(Simulation):
         The force, N, is what each step did to the momentum.
         """
         world = self._world
+        # Heights, m, and velocities upwards, m/s, now and after each step: (n + 1, 2, places).
         path = np.concatenate([self._state[None], world.step(steps)], dtype=np.float64)
         self._state = path[-1]
         z, v = path[:, :, self._which].transpose(1, 2, 0)

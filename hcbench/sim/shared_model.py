@@ -321,7 +321,8 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
         let this engine step it.
 
         source: the model. rebuild: makes it again, or None.
-        Raises UserError where that engine varies no contacts, and as `OpensModels.open` does.
+        Raises UserError where that engine varies no contacts or the pair cannot be measured,
+        EngineMissing where it is not installed.
         """
         lender = self._opener()
         if not isinstance(lender, VariesContacts):
@@ -401,7 +402,11 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
         """Test whether a setting adds energy: by impacts along the normal in this engine, and, but
         for a setting with a law, also in `model_engine`, which has bodies that slide.
 
-        Arguments and errors as of `Engine.passivity`.
+        speeds: the band, lowest and highest impact speed, m/s. whole: run the long test, with drops
+        of half a minute and with boxes. train: the longest train of bounces that the target allows
+        after a drop; None: it must rest.
+        Raises SettingError for a setting that the engine cannot have, SceneError for a scene that
+        it cannot load, EngineMissing, EngineFailed.
         """
         here = super().passivity(scene, setting, speeds, whole, train)
         if self.law(setting) is not None:

@@ -72,11 +72,12 @@ def travel_by_distance(
 
 
 def travel_by_scan(touches: Callable[[float], bool], start: float, stop: float) -> float | None:
-    """The least travel from `start` to `stop` that makes a contact; None where nothing touches.
+    """The least travel from `start` to `stop`, m, that makes a contact; None where nothing touches.
 
-    touches: moves to a travel and says whether the two touch there.
     For shapes whose distance is known only roughly: equal steps, then bisection. A contact within
     one step alone is missed, and `start` itself is not looked at.
+
+    touches: moves a body by a travel, m, and returns whether the two touch there.
     """
     travels = np.linspace(start, stop, _SCAN_STEPS + 1).tolist()
     for low, high in itertools.pairwise(travels):
@@ -86,9 +87,9 @@ def travel_by_scan(touches: Callable[[float], bool], start: float, stop: float) 
 
 
 def _bisected(touches: Callable[[float], bool], low: float, high: float) -> float:
-    """The least travel that makes a contact, between one without (low) and one with (high).
+    """The least travel that makes a contact, m, between one without (low) and one with (high).
 
-    touches: moves to a travel and says whether the two touch there.
+    touches: moves a body by a travel, m, and returns whether the two touch there.
     """
     for _ in range(_ROUNDS):
         middle = 0.5 * (low + high)

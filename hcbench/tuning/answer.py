@@ -293,7 +293,8 @@ class Answer(Drawn):
         """The best choice with what the engine did with it.
 
         A plug-in has no run of its own: then this is the first other choice that was run; and if
-        there is none, the plug-in is run now. Raises as `best`, and what the engine raises then.
+        there is none, the plug-in is run now. Raises SettingError where there is no choice, and
+        what the engine raises in that run.
         """
         for choice in (self.best, *self.choices):
             if choice.tuned is not None:

@@ -100,7 +100,8 @@ def held_out_launches(target: Target) -> Sequence[Launch]:
 
     A phase is where in a step the body touches, 0 to 1. Speeds are those at touch, both ends of
     the band among them; with friction, random launches slip up to the band's highest speed. One
-    target always has the same launches. Raises SettingError as `_launches`.
+    target always has the same launches. Raises SettingError for a band that begins at a speed that
+    gravity gives within half a step.
     """
     inside = np.sort((np.arange(1, _SPEEDS - 1) * _GOLDEN) % 1.0)
     grid = target.speed_min + _width(target) * np.concatenate([[0.0], inside, [1.0]])
@@ -123,7 +124,8 @@ def corner_launches(target: Target) -> list[Launch]:
     the end of a step.
 
     Over the phase e is a sawtooth, over the speed it is furthest off at an end: few launches at
-    random come near such a corner. Raises SettingError as `_launches`.
+    random come near such a corner. Raises SettingError for a band that begins at a speed that
+    gravity gives within half a step.
     """
     speeds = np.repeat([target.speed_min, target.speed_max], len(_STEP_ENDS))
     return _launches(target, speeds, np.tile(_STEP_ENDS, 2), np.zeros(speeds.size))
@@ -169,7 +171,9 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
     phase, and each eighth of the random launches. A setting that leaves a launch of the grid
     without an e is of no use: it is judged by the grid alone.
 
-    Raises what `Engine.run` raises, and SettingError as `_launches`.
+    Raises SettingError for a setting that the engine cannot have and for a band that begins at a
+    speed that gravity gives within half a step; SceneError, EngineMissing and EngineFailed of the
+    engine.
     """
     oblique: Setting | None = None
     if target.friction:

@@ -251,9 +251,11 @@ class _Finder:
         max_error: float,
         pair: Pair,
     ) -> None:
-        """Prepare the search of one answer; arguments as of `find_answer`, the scene in the
-        target's conditions.
+        """Prepare the search of one answer.
 
+        engine: a registered name. scene: in the target's conditions. integrator: of an engine that
+        has several; None for each recipe's own. max_error: of e, within which the simplest setting
+        will do. pair: names of the two bodies in the user's model.
         Raises UserError for an unknown engine.
         """
         self.engine = engine
@@ -560,10 +562,14 @@ def tune(
     progress: Callable[[int, int], None] | None = None,
     max_error: float = MAX_ERROR,
 ) -> Tuned:
-    """A setting that matches a target, evaluated under the target's gravity and friction.
+    """Find a setting that matches a target, evaluated under the target's gravity and friction.
 
-    Arguments and errors as of `find_answer`, whose choice it is.
-    progress: called with the evaluations of a search (done, at most).
+    engine: a registered name. recipe: the name of one of its recipes, or "auto". match: what "auto"
+    aims at. integrator: of an engine that has several; None for the recipe's own. progress: called
+    with the evaluations of a search (done, at most). max_error: of e, within which the simplest
+    setting will do.
+    Raises SettingError where no recipe can serve the target, EngineMissing, EngineFailed, and
+    SearchInterrupted with the best so far where an interrupt ends a search.
     """
     with report_progress(progress):
         return find_answer(

@@ -82,7 +82,7 @@ def row(condition: Condition, alpha: float) -> Row:
     [α, settings, constant].
 
     The two choices are [name, largest error of e], or None for no such choice and where no recipe
-    serves. Raises EngineMissing and EngineFailed as `find_answer`.
+    serves. Raises EngineMissing, and EngineFailed where the engine fails.
     """
     scene, target = _asked(condition, alpha)
     try:
@@ -110,6 +110,7 @@ def lows(condition: Condition) -> list[list[float]]:
         low = float(f"{exact_from(recipe, target):.4g}")
         if not low < target.speed_max:
             break
+        # Where the speed is that of the pair before, it holds up to this α, too.
         if steps and steps[-1][1] == low:
             steps[-1][0] = alpha
         else:

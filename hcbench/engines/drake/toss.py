@@ -116,6 +116,5 @@ def _simulate(
     simulator.AdvanceTo((toss.steps + 0.25) * timestep)
     rows = log.data().T[: toss.steps + 1]
     quaternion, position, spin, velocity_at = np.split(rows, [4, 7, 10], axis=1)
-    states: Floats = np.hstack([position, quaternion, velocity_at, spin])
-    states[:, 7:10] = as_body(states[:, 7:10], timestep)
+    states: Floats = np.hstack([position, quaternion, as_body(velocity_at, timestep), spin])
     return states

@@ -221,7 +221,7 @@ class LoadedPlant:
         midpoint between the two nearest points, m, (3,).
 
         query: Drake's QueryObject of the pose. shape, ground: ids of the two. Raises UserError for
-        a shape whose farthest point is unknown, as `_farthest` does.
+        a kind of shape whose farthest point along a direction hcbench does not know.
         """
         ground_pose = query.GetPoseInWorld(ground)
         pose = query.GetPoseInWorld(shape)

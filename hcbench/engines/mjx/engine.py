@@ -189,11 +189,11 @@ class MjxCopies(Copies):
     places = _PLACES
 
     def __init__(self, model: Any, empty: Any, bits: int, place: Any, run: Any, read: Any) -> None:
-        """Keep what `place`, `step` and `read_on` need.
+        """Keep a model, its data, and the compiled functions that step its copies.
 
-        model, empty: MJX's Model, and Data at the start, both on the device.
-        bits: of their numbers, 32 or 64.
-        place, run, read: the functions of `_compiled`.
+        model, empty: MJX's Model, and Data at the start, both on the device. bits: of their
+        numbers, 32 or 64. place: puts copies into states. run: takes steps and returns the states
+        after each. read: takes steps and returns the reading of each launch.
         """
         self.bits = bits
         self._model = model

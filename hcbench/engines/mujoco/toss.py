@@ -29,6 +29,12 @@ from hcbench.terms.impact import Floats
 
 SOLREF = "solref identified"
 _SPRING = (Parameter("stiffness", (1.5e4, 5e4, 5e3)), Parameter("damping", (250.0, 60.0, 5.0)))
+# Columns of a state: MuJoCo's qpos and qvel, and parts of them.
+_QPOS = slice(0, 7)
+_QVEL = slice(7, 13)
+_QUATERNION = slice(3, 7)
+_VELOCITY = slice(7, 10)
+_SPIN = slice(10, 13)
 SHAPES: frozenset[Shape] = frozenset({"box", "ellipsoid", "sphere"})
 SETTINGS = (
     ContactSetting(NOTHING, (), "pyramidal"),
@@ -117,17 +123,17 @@ def _simulate(mujoco: Any, model: Any, data: Any, toss: Toss, timestep: float) -
     # MuJoCo has the spin in the body's frame.
     data.qvel[3:] = turn.reshape(3, 3).T @ toss.spin
     states = np.empty((toss.steps + 1, 13))
-    states[0, :7] = data.qpos
-    states[0, 7:] = data.qvel
+    states[0, _QPOS] = data.qpos
+    states[0, _QVEL] = data.qvel
     # Looked up once: these are views that follow the state.
-    position = data.qpos
-    velocity = data.qvel
+    qpos = data.qpos
+    qvel = data.qvel
     for row in states[1:]:
         mujoco.mj_step(model, data)
-        row[:7] = position
-        row[7:] = velocity
-    states[:, 7:10] = as_body(states[:, 7:10], timestep)
-    states[:, 10:] = in_world(states[:, 3:7], states[:, 10:])
+        row[_QPOS] = qpos
+        row[_QVEL] = qvel
+    states[:, _VELOCITY] = as_body(states[:, _VELOCITY], timestep)
+    states[:, _SPIN] = in_world(states[:, _QUATERNION], states[:, _SPIN])
     return states
 
 

@@ -78,8 +78,13 @@ def _named_geoms(model: Any, name: str, other: str | None = None) -> NamedGeoms:
     """
     parts = [("body", body_name(model, b), b) for b in range(model.nbody)]
     parts += [("geom", geom_name(model, g), g) for g in range(model.ngeom)]
+
+    def is_bare_body(part: tuple[str, str, int]) -> bool:
+        kind, _, number = part
+        return kind == "body" and not model.body_geomnum[number]
+
     # A body without geoms comes last: of the same name, a geom is meant.
-    parts.sort(key=lambda part: part[0] == "body" and not model.body_geomnum[part[2]])
+    parts.sort(key=is_bare_body)
     kind, number = find_part(parts, name, lambda: _partners(model, other) if other else [])
     if kind == "geom":
         return NamedGeoms(name, int(model.geom_bodyid[number]), (number,))
@@ -431,8 +436,8 @@ def list_pairs(model: Any, request: Request, state: Any = None) -> list[Candidat
 
     state: MjData to start from, or None.
 
-    Raises UserError for a start configuration that the model cannot have, as `start_pose` does, for
-    a model in which a flag disables contacts, and for one in which only soft bodies can meet.
+    Raises UserError for a start configuration that the model cannot have, for a model in which a
+    flag disables contacts, and for one in which only soft bodies can meet.
     """
     mujoco = backend()
     if flag := _disabling(model):

@@ -348,8 +348,9 @@ class _Bench:
     ) -> None:
         """Add one step to the logs of the feet, and a new foot for each part that touches first.
 
-        feet: by the number of their rigid body; changed. pressed, struck: points of the step that
-        feel forces, and impulses. time: of the step's start, s after the first touch.
+        feet: by the number of their rigid body; changed. pressed: points of the step that feel
+        forces. struck: points that a plug-in's law turns back by impulses. time: of the step's
+        start, s after the first touch.
         """
         pressed_of: dict[int, list[_Point]] = {}
         for point in pressed:
@@ -357,10 +358,13 @@ class _Bench:
             self.floor_geoms.add(point.floor)
         for body, points in pressed_of.items():
             geoms = {point.geom for point in points}
-            force, depth, speed, slide = np.array([point[2:] for point in points]).T
+            force = np.array([point.force for point in points])
+            depth = np.array([point.depth for point in points])
+            speed = max(point.speed for point in points)
+            slide = np.array([point.slide for point in points])
             if body not in feet:
                 has_law = any(not geoms.isdisjoint(pair) for pair in self._struck)
-                log = FootfallLog(time, float(speed.max()), float(slide.max()), by_impulses=has_law)
+                log = FootfallLog(time, speed, float(slide.max()), by_impulses=has_law)
                 feet[body] = _Foot(log, set())
             feet[body].geoms.update(geoms)
             # The mean speed along the floor, weighed by the forces.

@@ -51,13 +51,17 @@ class OverFloor:
     """
 
     def __init__(self, model: Any, root: int) -> None:
-        """Read the robot whose base has this number; the model must have gravity."""
+        """Read a robot and its floors from a compiled model, which must have gravity.
+
+        root: number of the robot's base body.
+        """
         self.model = model
         self.root = root
         self.gravity = float(np.linalg.norm(model.opt.gravity))
         self.up: Floats = -np.asarray(model.opt.gravity) / self.gravity
         self.mass = float(model.body_subtreemass[root])
         self.weight = self.mass * self.gravity
+        # A contact of a flex has the geom -1, which finds the False at the ends.
         body_of_geom = np.asarray(model.geom_bodyid)
         self.of_robot = np.append(model.body_rootid[body_of_geom] == root, False)
         # MuJoCo welds what stands still to the world, whose number is 0.

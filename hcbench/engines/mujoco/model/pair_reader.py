@@ -270,6 +270,8 @@ class PairReader:
         force = 0.0
         parting = 0.0
         acting = 0
+        # The pair's contacts: index among all, whether its second geom is the moving one, and
+        # whether its friction cone is a pyramid.
         for i, turned, is_pyramid in self._mine:
             address = addresses[i]
             # A contact without a constraint row has no force.

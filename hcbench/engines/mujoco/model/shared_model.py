@@ -196,8 +196,11 @@ class LentFlight(MujocoFlight):
         state: qpos, then qvel, (nq + nv,).
         bits: of the engine's numbers, 32 or 64.
         """
+        # Share of the speeds up to which a change is round-off, and reads as no force.
         self._round_off = ROUND_OFF_SOLVED * float(np.finfo(f"f{bits // 8}").eps)
         self._noise = max(self._noise, self._round_off)
+        # States of the engine that are still to be read, and by how much the last one's velocities
+        # differ from MuJoCo's.
         self._states: deque[Floats] = deque()
         self._changed = np.zeros(self._model.nv)
         self._set(self._data, state)

@@ -80,9 +80,12 @@ class SpeedShares:
         mujoco = backend()
         mujoco.mj_solveM(self._model, data, self._moved, row[None])
         moved = self._moved[0]
+        # A row for each cause, (4, nv).
         forces = self._forces
-        forces[0], forces[1] = data.qfrc_constraint, data.qfrc_actuator
-        forces[2], forces[3] = data.qfrc_passive, data.qfrc_bias
+        forces[0] = data.qfrc_constraint
+        forces[1] = data.qfrc_actuator
+        forces[2] = data.qfrc_passive
+        forces[3] = data.qfrc_bias
         mujoco.mju_mulMatVec(self._products, forces, moved)
         constraint, actuators, passive, bias = self._products.tolist()
         # All constraint forces are the pair's contact, unless there are other constraints.

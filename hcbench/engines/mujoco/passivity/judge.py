@@ -165,7 +165,14 @@ class _Drops:
         return max_e, gains_below, rebounds
 
     def _run_by_arrays(self, states: Floats, is_single: bool) -> tuple[float, float, Floats]:
-        """Simulate as `run`, without the library: a step of all drops after the other."""
+        """Simulate drops until each has rested, or for LASTS s, without the compiled library: a step of
+        all drops after the other.
+
+        states: (3, n): penetration, m, its rate, m/s, and the speed at the last touch, m/s.
+        is_single: true where each drop ends with its first rebound.
+        Returns the largest e, the fastest touch of those that gain energy, m/s, and of each drop
+        the speed of the bounce under way at the end, m/s, (n,), 0 for one that rests.
+        """
         count = states.shape[1]
         max_e = 0.0
         gains_below = 0.0

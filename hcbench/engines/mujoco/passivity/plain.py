@@ -40,6 +40,12 @@ if TYPE_CHECKING:
 
 # Half an edge of a box, m.
 HALF = 0.05
+# Places in the qpos of a free joint, and in its qvel; z is in both.
+_PLACE = slice(0, 3)
+_QUATERNION = slice(3, 7)
+_LINEAR = slice(0, 3)
+_SPIN = slice(3, 6)
+_Z = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,23 +294,24 @@ def _followed(
     is less. above: height of the start over the touch, m.
     """
     data = backend().MjData(model)
-    data.qpos[2] += above
-    data.qpos[3:7] = body.quaternion
+    data.qpos[_Z] += above
+    data.qpos[_QUATERNION] = body.quaternion
     data.qvel[:] = velocity
-    g = -model.opt.gravity[2]
+    g = -model.opt.gravity[_Z]
     h = model.opt.timestep
     inertia = model.body_inertia[1] / model.body_mass[1]
-    began = (data.qvel[:3] @ data.qvel[:3] + inertia @ data.qvel[3:] ** 2) / 2
+    # Kinetic energy at the start, J/kg.
+    began = (data.qvel[_LINEAR] @ data.qvel[_LINEAR] + inertia @ data.qvel[_SPIN] ** 2) / 2
     # Without gravity a body that a contact has stopped has none to compare with.
     slowest = max((_SLOWEST * g * h) ** 2 / 2, _ROUND_OFF * began)
-    start = float(data.qpos[2])
+    start = float(data.qpos[_Z])
     contacts, speeds, heights = _stepped(model, data, min(round(seconds / h), _STEPS))
     if not np.isfinite(data.qpos).all():
         return _Path(math.inf, math.inf)
     # Without contacts the step from a state was free flight.
     free = np.flatnonzero(contacts == 0)
-    v = speeds[free, :3] - np.array([0.0, 0.0, _gained_since(model)])
-    turning = speeds[free, 3:]
+    v = speeds[free, _LINEAR] - np.array([0.0, 0.0, _gained_since(model)])
+    turning = speeds[free, _SPIN]
     before = np.concatenate([[start], heights[:-1]])[free]
     # J/kg, of free flight.
     energy = ((v**2).sum(axis=1) + turning**2 @ inertia) / 2 + g * (before - body.high)
@@ -338,7 +345,7 @@ def _stepped(model: Any, data: Any, steps: int) -> tuple[NDArray[np.int32], Floa
         contacts[k] = data.ncon
         speeds[k] = motion
         step(model, data)
-        heights[k] = place[2]
+        heights[k] = place[_Z]
     return contacts, speeds, heights
 
 
@@ -348,7 +355,7 @@ def _gained_since(model: Any) -> float:
     A semi-implicit step leaves the speed of its middle; RK4 that of its end.
     """
     is_rk4 = model.opt.integrator == int(backend().mjtIntegrator.mjINT_RK4)
-    return 0.0 if is_rk4 else -model.opt.gravity[2] * model.opt.timestep / 2
+    return 0.0 if is_rk4 else -model.opt.gravity[_Z] * model.opt.timestep / 2
 
 
 def creep(contact: Contact, options: Stepping, body: _ThrownBody) -> float:
@@ -358,7 +365,7 @@ def creep(contact: Contact, options: Stepping, body: _ThrownBody) -> float:
     """
     model = _model(contact, options, body, contact.gravity)
     data = backend().MjData(model)
-    data.qpos[3:7] = body.along
+    data.qpos[_QUATERNION] = body.along
     model.opt.gravity[:] = contact.gravity * np.array(
         [math.sin(_CREEP_SLOPE), 0.0, -math.cos(_CREEP_SLOPE)]
     )
@@ -417,7 +424,7 @@ def drops(
     states = np.empty((len(heights), mujoco.mj_stateSize(model, kind)))
     for state, height in zip(states, heights, strict=True):
         mujoco.mj_resetData(model, data)
-        data.qpos[2] += height
+        data.qpos[_Z] += height
         mujoco.mj_getState(model, data, state, kind)
     allowed = allowed_rebounds(train, heights, contact.gravity)
     reader = DropReader(contact.timestep, contact.gravity, allowed, speed_reading(model))
@@ -425,7 +432,10 @@ def drops(
         path, _ = mujoco.rollout.rollout(
             model, [data], states, nstep=math.ceil(_CHUNK_S / contact.timestep)
         )
-        reader.add(contact.radius - path[:, :, 3], -path[:, :, 1 + model.nq + 2])
+        # A state has the time before qpos and qvel.
+        height = path[:, :, 1 + _Z]
+        rising = path[:, :, 1 + model.nq + _Z]
+        reader.add(contact.radius - height, -rising)
         states = path[:, -1].copy()
     return reader.bounces
 
@@ -451,21 +461,29 @@ def _rest(model: Any, seconds: float) -> Rest:
     """
     mujoco = backend()
     data = mujoco.MjData(model)
-    force = np.zeros(6)
-    start = data.qpos[:3].copy()
-    # Displacement (3) m, rise m/s, force N of each step.
-    path = np.empty((round(seconds / model.opt.timestep), 5))
-    for row in path:
-        row[:3] = data.qpos[:3] - start
-        row[3] = data.qvel[2]
+    # A contact's force along its normal, N, and what else it transfers.
+    wrench = np.zeros(6)
+    start = data.qpos[_PLACE].copy()
+    steps = round(seconds / model.opt.timestep)
+    # Of each step: way from the start, m, speed upwards, m/s, and force of all contacts, N.
+    moved = np.empty((steps, 3))
+    rising = np.empty(steps)
+    force = np.zeros(steps)
+    for i in range(steps):
+        moved[i] = data.qpos[_PLACE] - start
+        rising[i] = data.qvel[_Z]
         mujoco.mj_step(model, data)
-        row[4] = 0.0
         for contact in range(data.ncon):
-            mujoco.mj_contactForce(model, data, contact, force)
-            row[4] += force[0]
-    time = last_half(np.arange(len(path)) * model.opt.timestep)
-    path = last_half(path)
-    return rest_of(time, -path[:, 2], -path[:, 3], path[:, 4], path[:, :2])
+            mujoco.mj_contactForce(model, data, contact, wrench)
+            force[i] += wrench[0]
+    time = np.arange(steps) * model.opt.timestep
+    return rest_of(
+        time=last_half(time),
+        penetration=-last_half(moved[:, _Z]),
+        rate=-last_half(rising),
+        force=last_half(force),
+        along=last_half(moved[:, :_Z]),
+    )
 
 
 def box_growth(contact: Contact, options: Stepping, attitude: str, speed: float) -> float:
@@ -478,9 +496,9 @@ def box_growth(contact: Contact, options: Stepping, attitude: str, speed: float)
     model = contact.with_boxes(options)
     quaternion, high = _ATTITUDES[attitude]
     data = backend().MjData(model)
-    data.qpos[2] = HALF * high + 2.4 * contact.timestep * speed
-    data.qpos[3:7] = quaternion
-    data.qvel[2] = -speed
+    data.qpos[_Z] = HALF * high + 2.4 * contact.timestep * speed
+    data.qpos[_QUATERNION] = quaternion
+    data.qvel[_Z] = -speed
     return _growth(model, data, min(_BOX_S, _BOX_STEPS * contact.timestep))
 
 
@@ -491,19 +509,22 @@ def _growth(model: Any, data: Any, seconds: float) -> float:
     model: of one body on a free joint. data: MjData at the start, in flight; stepped for `seconds`.
     Flights with less energy than that of the speed _SLOWEST g h count as that fast.
     """
-    g = -model.opt.gravity[2]
+    g = -model.opt.gravity[_Z]
     h = model.opt.timestep
+    # J/kg, and m² about the main axes.
     slowest = (_SLOWEST * g * h) ** 2 / 2
     inertia = model.body_inertia[1] / model.body_mass[1]
-    start = float(data.qpos[2])
+    start = float(data.qpos[_Z])
     contacts, speeds, later = _stepped(model, data, round(seconds / h))
     heights = np.concatenate([[start], later[:-1]])
     if not np.isfinite(data.qpos).all():
         return math.inf
+    # Without contacts the step from a state was free flight.
     free = contacts == 0
-    v = speeds[free, :3] - np.array([0.0, 0.0, _gained_since(model)])
+    v = speeds[free, _LINEAR] - np.array([0.0, 0.0, _gained_since(model)])
+    turning = speeds[free, _SPIN]
     # J/kg.
-    energy = ((v**2).sum(axis=1) + speeds[free, 3:] ** 2 @ inertia) / 2 + g * (heights[free] - HALF)
+    energy = ((v**2).sum(axis=1) + turning**2 @ inertia) / 2 + g * (heights[free] - HALF)
     least = np.fmin.accumulate(energy)[:-1]
     return float(np.fmax.reduce(energy[1:] / np.maximum(least, slowest), initial=0.0))
 
@@ -575,8 +596,9 @@ def _rolling(contact: Contact, options: Stepping) -> float:
 
 
 def _kinetic(model: Any, data: Any) -> float:
-    v = data.qvel[:3]
-    w = data.qvel[3:6]
+    """Kinetic energy of the only body of a model, J."""
+    v = data.qvel[_LINEAR]
+    w = data.qvel[_SPIN]
     return float(model.body_mass[1] * v @ v + model.body_inertia[1] @ w**2) / 2
 
 

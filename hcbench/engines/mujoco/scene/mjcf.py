@@ -171,7 +171,8 @@ def model_xml(scene: Scene, setting: Setting) -> str:
     MuJoCo runs it.
 
     At qpos0 the ball just touches the plate. Raises SettingError for options that MuJoCo does not
-    have, and the errors of `scene_tree`.
+    have and for friction or adhesion in a cup, SceneError for a scene without a model, or whose
+    model lacks ball or plate.
     """
     head = f"{scene.name} with the contact setting {setting.name!r} at a step of {setting.timestep!r} s."
     options = read_options(setting.options)

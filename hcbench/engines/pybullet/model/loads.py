@@ -190,6 +190,8 @@ class _Resting:
         bullet.setGravity(*(np.linalg.norm(gravity) * down).tolist())
         for _ in range(self.steps // 2):
             bullet.stepSimulation()
+        # Of each step: position of the centre, m (3 columns), depth, m, force, N, and spin, rad/s
+        # (3 columns).
         rows = []
         touch = None
         for _ in range(self.steps - self.steps // 2):
@@ -202,14 +204,17 @@ class _Resting:
             rows.append([*centre, depth, force, *self.first.spin_of(link)])
         path = np.array(rows)
         position = path[:, :3]
+        depth_of_step = path[:, 3]
+        force_of_step = path[:, 4]
         height = position @ normal
         time = np.arange(float(len(path))) * self.timestep
         rate = np.gradient(height, self.timestep)
-        rest = rest_of(time, path[:, 3], rate, path[:, 4], position - np.outer(height, normal))
-        last = last_half(path)
-        if touch is None or not last_half(last)[:, 4].any():
+        sideways = position - np.outer(height, normal)
+        rest = rest_of(time, depth_of_step, rate, force_of_step, sideways)
+        # No force in the last quarter: the body has left the plate.
+        if touch is None or not last_half(last_half(force_of_step)).any():
             return replace(rest, drift=math.nan)
-        spin = float(np.linalg.norm(last[:, 5:].mean(axis=0)))
+        spin = float(np.linalg.norm(last_half(path[:, 5:]).mean(axis=0)))
         lever = float(np.linalg.norm(touch.point - position[-1]))
         return replace(rest, drift=creep_of(rest.drift, spin, lever))
 
