@@ -287,7 +287,11 @@ def imap_unordered(
     running: dict[Future[tuple[list[Result], float]], tuple[list[Job], int]] = {}
 
     def submit(task: list[Job], tries: int) -> None:
-        """Hand a task out. Raises CannotRun where the executor takes no work any more."""
+        """Hand a task out to a worker.
+
+        tries: number of the try, from 1. Raises CannotRun where the executor takes no work any
+        more.
+        """
         try:
             running[workers.executor.submit(run_jobs, function, task, timeouts)] = task, tries
         except RuntimeError as error:

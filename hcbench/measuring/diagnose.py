@@ -470,7 +470,11 @@ def _tried_causes(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -
 
 
 def _minimal_fixes(fixes: Sequence[Suspect], trials: _Trials, allowed: float) -> list[Suspect]:
-    """The fixes that keep the largest error of e within `allowed`, the least likely left out first."""
+    """The fixes that are needed to keep the largest error of e within `allowed`: they are left out one
+    after the other, the least likely first, as long as the error stays within.
+
+    fixes: the likeliest first. trials: measures copies with fixes.
+    """
     needed = list(fixes)
     for suspect in reversed(fixes):
         others = _without(needed, suspect)

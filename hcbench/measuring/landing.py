@@ -380,7 +380,11 @@ def _foot_rows(drop: Landing, is_tilted: bool) -> list[tuple[str, ...]]:
 def _without_model(
     header: tuple[str, ...], rows: list[tuple[str, ...]], several: bool
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Header and rows without the column of the model where there is one robot; else as they are."""
+    """Leave the column of the model out of a table for one robot; header and rows as they are for
+    several.
+
+    several: whether the table has more than one robot.
+    """
     if several:
         return header, rows
     at = header.index("model")

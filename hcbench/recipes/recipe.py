@@ -91,12 +91,13 @@ class Search:
             progress(min(self._done, self._budget), self._budget)
 
     def record(self, parameters: Floats, errors: Floats) -> None:
-        """Count evaluations and remember the best: errors of e, shape (n,), at parameters (n, k).
+        """Count n evaluations, and remember the one with the least error.
 
-        NaN is the worst.
+        parameters: (n, k). errors: of e at them, (n,); NaN is the worst.
         """
         errors = np.nan_to_num(errors, nan=np.inf)
         i = int(np.argmin(errors))
+        # The best so far is (its error, its parameters).
         if self._best is None or errors[i] < self._best[0]:
             self._best = float(errors[i]), np.array(parameters[i])
         self.add(len(errors))

@@ -132,7 +132,7 @@ class Bounces:
         return self.max_e <= MOST_E and not self.still_bouncing
 
     def joined(self, other: Bounces) -> Bounces:
-        """The results of both sets of launches together: the larger extremes, and sums of counts."""
+        """Join the results of two sets of launches: the larger extremes, and the sums of counts."""
         return Bounces(
             max(self.max_e, other.max_e),
             max(self.gains_below, other.gains_below),
@@ -408,10 +408,11 @@ def drops_in(
 def _drops_here(
     name: str, scene: Scene, setting: Setting, heights: Sequence[float], train: LongestTrain | None
 ) -> Bounces:
-    """The drops of `drops_in` in this process.
+    """Drop the scene's body in an engine from each height, simulate it for LASTS s in this process,
+    and read how it bounces.
 
-    name: of the engine.
-    heights: m, the highest last.
+    name: of the engine. heights: m, the highest last. train: the longest train of bounces that the
+    setting's target allows; None: it must rest.
     """
     engine: SteppedEngine = here(name)  # type: ignore[assignment]
     launches = [Launch(0.0, height=height) for height in heights]

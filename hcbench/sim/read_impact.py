@@ -317,8 +317,9 @@ def _crossing_speeds(
     """Speeds in, out and after the contact's last force, m/s, (b,) each, where the path crosses the
     plane.
 
-    states: penetration, rate and force, (3, b, n). h: the step, s.
-    last: the middle one of three free states after the contact, (b,).
+    states: penetration, m, rate, m/s, and force, N, (3, b, n). seen: where the contact of each
+    launch began and ended. h: the step, s. last: index of the middle one of three free states after
+    the contact, (b,).
     """
     x = states[0]
     is_deep = x > 0.0

@@ -168,9 +168,11 @@ class ReboundSearch(ABC, Generic[Spring]):
         yield from sorted(nearer, key=cost)
 
     def _nearest_of(self, frequencies: Sequence[float]) -> list[Spring]:
-        """Contacts, one of each frequency, rad/s, whose rebound is nearest to the target, if it is
-        nearer than the model's and neither short drops nor first long ones are worse; the nearest
-        first, `grid.nearest` of them at most.
+        """Contacts, one of each frequency, whose rebound is nearest to the target, if it is nearer
+        than the model's and neither short drops nor first long ones are worse; the nearest first,
+        `grid.nearest` of them at most.
+
+        frequencies: w of the springs, rad/s.
         """
         own = abs(self._untuned.rebound - self.target)
         rows = (self._feasible(self._row(frequency)) for frequency in frequencies)

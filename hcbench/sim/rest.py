@@ -71,9 +71,9 @@ class Rest:
         return f"{depth}, vibration {self.vibration:.2g} m/s (rms){noise}"
 
     def failures(self, radius: float, timestep: float) -> list[str]:
-        """Reasons why a body of this radius (m) does not count as resting at
-        a step (s); empty if it rests.
+        """Reasons why a body does not count as resting, in words; [] if it rests.
 
+        radius: R, of the body, m. timestep: s.
         It rests if it sinks more slowly than 1e-5 m/s, lies less deep than 1e-3 R or 0.2 mm per ms
         of step, and its vibration is below 1e-4 m/s or decaying.
         """
@@ -243,8 +243,11 @@ class Standing:
         cost: tuple[float, float],
         slope: float,
     ) -> Standing:
-        """Made of rests on the level and on a slope (rad), drift in a
-        grasp, hop of a slide, (iterations, time) of a step.
+        """Join what was measured of a model at rest.
+
+        rest: on the level. on_slope: on a slope. hold: drift in a grasp, m/s. hop: how far a body
+        rises that is laid down as it slides, m. cost: of a step: iterations of the solver, and
+        time, s. slope: its angle, rad.
         """
         return cls(
             rest.penetration,
@@ -272,10 +275,10 @@ class Standing:
 
     def rests_worse_than(self, before: Standing, timestep: float) -> Iterator[str]:
         """Yield phrases of what is worse than before in how a model rests: it creeps or slips more,
-        lies deeper than before and than the time step (s) allows, or vibrates more than before and
-        than a body at rest may.
+        lies deeper than before and than the time step allows, or vibrates more than before and than
+        a body at rest may.
 
-        before: the model to compare with.
+        before: the model to compare with. timestep: s.
         """
         limits = (
             ("drift_m_per_s", self.drift, before.drift, 0.0),

@@ -112,9 +112,10 @@ class CopiesWorld(BatchWorld):
     def __init__(
         self, scene: Scene, timestep: float, copies: Copies, rest: Floats, reading: SpeedReading
     ) -> None:
-        """Copies of a scene's ball, all at rest.
+        """Take up copies of a scene's ball, all at rest.
 
-        timestep: s. rest: state of the ball at rest, shape (n,). reading: how speeds are read.
+        timestep: s. copies: of the engine, which steps them. rest: state of the ball at rest, (n,).
+        reading: how speeds are read.
         """
         super().__init__(scene, timestep)
         self._copies = copies
@@ -296,10 +297,12 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
     def open(
         self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
     ) -> ModelUnderTest:
-        """The model of `model_engine`, stepped by this engine.
+        """Open a user's model by `model_engine`, to be stepped by this engine.
 
-        Raises EngineFailed where that engine's model cannot be stepped by another, and as
-        `OpensModels.open` does.
+        source: the model. request: the pair, its pose, and the launches. rebuild: makes the model
+        again, or None.
+        Raises EngineFailed where the model cannot be stepped by another engine, UserError where the
+        pair cannot be measured, EngineMissing where an engine is not installed.
         """
         return self.stepping(self._opener().open(source, request, rebuild))
 

@@ -122,9 +122,13 @@ def tune_job(
     """Find the simplest setting whose e is within `max_error` of the target for all pairs at once,
     or the nearest.
 
-    requests: one a pair; their speeds span the band. A loose box is tried on face, edge and vertex.
-    output: where the texts are to be written. Files are run in a worker. UserError for a pair that
-    cannot meet.
+    A model in a file is run in a worker. A loose box is tried on face, edge and vertex.
+
+    source: the model. requests: one a pair; their speeds span the band. wanted: e over speed, what
+    Adams or Newton state, or a robot's rebound. engine: its name; None for the one that opens the
+    model. max_error: of e, within which the simplest setting will do. limit: s, after which the
+    model counts as hung. output: where the texts are to be written.
+    Raises UserError for a pair that cannot meet.
     """
     if len(requests) == 0:
         raise UserError("requests", "none", "one a pair")
@@ -294,7 +298,8 @@ def _in_order(
 ) -> list[_Try]:
     """The tries, the best first, and among them the model as it is.
 
-    tries: at least one. stays: the model as it is. max_error: of e; nearer than that counts alike.
+    tries: at least one. stays: the model as it is. wanted: e over speed. max_error: of e; nearer
+    than that counts alike.
     The model as it is comes first if the best try's error is not below its own (or its own is near
     enough, where the best try makes something worse); else last, or nowhere if it has no e.
     """
@@ -325,10 +330,10 @@ def _best(
     """The first try, in order, with which a robot lands no worse, if its error is within a limit;
     else the first that bounces at all.
 
-    requests: one a pair. attitudes: of each pair as it can lie, with the attitude's name.
-    landed: the robot as it is; None for a model without a robot. limit: error of e that is allowed;
-    enough: of the model as it is. order: the best first. Raises EngineFailed where no launch has an
-    e.
+    requests: one a pair. attitudes: of each pair as it can lie, with the attitude's name. wanted: e
+    over speed. landed: the robot as it is; None for a model without a robot. limit: error of e that
+    is allowed; enough: of the model as it is. order: the best first. Raises EngineFailed where no
+    launch has an e.
     """
     # In order: what lands worse, then the first that lands no worse but is not near enough.
     others: list[_Try] = []
@@ -364,10 +369,11 @@ def _best(
 def _dropped(
     engine: TunesModels, requests: Sequence[Request], tried: _Try, landed: DropTest | None
 ) -> _Try:
-    """The try with its landing, by dropping the robot with the setting; the try itself without a
-    robot.
+    """Drop a robot with the setting of a try, and return the try with its landing; the try itself
+    without a robot.
 
-    requests: one a pair. landed: the robot as it is; None for a model without a robot.
+    requests: one a pair. tried: the try. landed: the robot as it is; None for a model without a
+    robot.
     """
     if landed is None:
         return tried
@@ -380,9 +386,10 @@ def _dropped(
 def _bouncing(
     tried: _Try, attitudes: Sequence[tuple[str, Request]], wanted: RestitutionCurve
 ) -> _Try | None:
-    """The try with its pairs judged; None where a launch has no e.
+    """Measure the pairs with the setting of a try, and return the try with what they do; None where
+    a launch has no e.
 
-    attitudes: of each pair as it can lie, with the attitude's name.
+    attitudes: of each pair as it can lie, with the attitude's name. wanted: e over speed.
     """
     pairs = tried.pairs or _measured(tried.setting.open, attitudes, wanted, held_out=True)
     if not all(math.isfinite(pair.max_error) for pair in pairs):
@@ -406,7 +413,8 @@ def _promise(
 ) -> Promise:
     """The promise of a setting for the pair of a request, over its band of speeds, m/s.
 
-    launched: what was asked and measured of all pairs, in each of their attitudes.
+    name: of the setting. wanted: e over speed. launched: what was asked and measured of all pairs,
+    in each of their attitudes.
     """
     theirs = [measured for asked, measured in launched if asked.pair == request.pair]
     band = min(request.speeds), max(request.speeds)
@@ -444,8 +452,8 @@ def _tried(
     """The largest error of e in a few launches of each pair with a setting; infinite where one has
     no e.
 
-    requests: one a pair. enough: error of e that is near enough: after a pair far above it, the
-    pairs that are left are not launched.
+    requests: one a pair. wanted: e over speed. enough: error of e that is near enough: after a pair
+    far above it, the pairs that are left are not launched.
     """
     worst = 0.0
     for request in requests:
@@ -461,6 +469,8 @@ def _tried(
 def _lift(opened: Callable[[Request], ModelUnderTest], requests: Sequence[Request]) -> float:
     """The largest difference of e between launches that slide and those that do not, of one speed
     along the normal; infinite where one has no e or cannot slide.
+
+    opened: opens the model for a request. requests: one a pair.
     """
     largest = 0.0
     phases = tuple((i + 0.5) / _TRIED_PHASES for i in range(_TRIED_PHASES))
@@ -494,8 +504,9 @@ def _measured(
     """Measure e(v) of each pair in each attitude, in this order.
 
     opened: opens the model for a request. attitudes: (name, request) of each pair in each way that
-    its body can lie. held_out: at speeds and phases that no search used, and nearer and nearer to
-    the worst; else at three speeds of the band, enough to see that a setting is far off.
+    its body can lie. wanted: e over speed. held_out: whether to measure at speeds and phases that no
+    search used, and nearer and nearer to the worst; else at three speeds of the band, enough to see
+    that a setting is far off.
     """
     pairs = []
     for attitude, request in attitudes:
@@ -541,7 +552,8 @@ def _measured_pair(
     """Measure one pair: e(v) and the errors of e at these speeds, each at phases over the whole
     step.
 
-    opened: opens the model for a request. speeds: m/s. phases: how many a speed.
+    opened: opens the model for a request. speeds: m/s. phases: how many a speed. wanted: e over
+    speed.
     halvings: how often speeds between the worst one and its neighbours are added, to look for a
     larger error; each speed is then launched at the phases between which e differs, too, as
     `measure` does, and the setting is also judged by launches that no search saw.

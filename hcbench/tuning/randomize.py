@@ -284,8 +284,9 @@ def _randomized(job: Job) -> RandomWorlds:
 def _out_of_reach(job: _RandomizeJob, reached: list[Band], faults: list[str]) -> UserError:
     """The error to raise for a band of e that no family of contacts has in this model.
 
-    reached: the bands of e that families have; the widest is named. faults: why others were passed
-    over, as sentences; the last is named where no band was reached at all.
+    job: the band that was asked for. reached: the bands of e that families have; the widest is
+    named. faults: why others were passed over, as sentences; the last is named where no band was
+    reached at all.
     """
     asked = f"{job.restitution[0]:g}:{job.restitution[1]:g}"
     if not reached:

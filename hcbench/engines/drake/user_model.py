@@ -482,6 +482,7 @@ def _direction(loaded: LoadedPlant, context: Any, row: Floats, dofs: list[int]) 
         move = np.zeros_like(row)
         move[dofs] = row[dofs]
     approach = float(row @ move)
+    # A mover that hardly changes the approach rate leads nowhere.
     least = LEAST_APPROACH**2 * float(move @ move > 0)
     if approach > least:
         return np.asarray(move / approach)

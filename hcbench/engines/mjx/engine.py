@@ -256,7 +256,11 @@ def _compiled(step_text: str, radius: float, bits: int, own: Any) -> tuple[Any, 
         return empty.replace(qpos=state[: empty.qpos.size], qvel=state[empty.qpos.size :])
 
     def read(model: Any, data: Any, rule: Any, reading: Any, fewest: int, most: int) -> Any:
-        """(data, reading) after up to `most` steps, or once at most `fewest` balls go on."""
+        """Take up to `most` steps, or until at most `fewest` balls go on, and return MJX's Data and the
+        reading of each ball then.
+
+        rule: when a launch ends, as the fields of a `Rule`. reading: of each ball so far.
+        """
 
         def goes_on(carry: Any) -> Any:
             _, now = carry

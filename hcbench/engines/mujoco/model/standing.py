@@ -95,9 +95,11 @@ def stands_on_world(opened: OpenedModel) -> bool:
 
 
 def rest_on_slope(opened: OpenedModel, data: Any) -> tuple[float, Rest]:
-    """Let a pair rest on a slope: the slope, rad, and the rest, NaN where the pair has no friction.
+    """Let a pair rest on a slope, and return the slope, rad, and how it rests; NaN where the pair has
+    no friction.
 
-    data: MjData at rest on the level; moved on. Gravity is turned in place of the bodies.
+    opened: the model with the pair. data: MjData at rest on the level; moved on. Gravity is turned
+    in place of the bodies.
     """
     angle = slope_of(opened.facts().friction)
     if not angle > 0.0:
@@ -431,10 +433,10 @@ def _is_level(opened: OpenedModel) -> bool:
 
 
 def _creep(opened: OpenedModel, data: Any) -> tuple[float, float]:
-    """Slope, rad, and the speed with which a resting body creeps down it, m/s; a body that rolls
-    does not creep.
+    """Let a pair rest on a slope, and return the slope, rad, and the speed with which the body creeps
+    down it, m/s, NaN for one that rolls.
 
-    data: MjData of the body at rest on the level; moved on.
+    opened: the model with the pair. data: MjData of the body at rest on the level; moved on.
     """
     slope, rest = rest_on_slope(opened, data)
     body = opened.place.pair.first.body

@@ -362,6 +362,8 @@ def creep(contact: Contact, options: Stepping, body: _ThrownBody) -> float:
     """Speed of a body down a slope of 5 degrees, m/s, over the last quarter of the time.
 
     It starts at rest, in the attitude in which it does not roll down. Infinite where it diverged.
+
+    contact: of the body with the plate. options: of the plain model.
     """
     model = _model(contact, options, body, contact.gravity)
     data = backend().MjData(model)

@@ -177,7 +177,7 @@ class ConstraintRow:
     ) -> ConstraintRow:
         """Make a row by its stiffness S, 1/s², and damping D, 1/s, per unit effective mass.
 
-        onset: m. adhesion: N.
+        solimp: MuJoCo's, of the impedance. onset: depth from which the row acts, m. adhesion: N.
         """
         return cls((-float(stiffness), -float(damping)), solimp, float(onset), float(adhesion))
 

@@ -205,6 +205,8 @@ def _on_plane(model: SceneModel, paths: _Paths) -> Floats:
 
     Penetration and rate are those at the step's start; penetration is how far the centre is below
     where it touches.
+
+    paths: states and sensors of b balls before the steps and after each of n.
     """
     start_z, z = paths.around(_POSITION, 2)
     start_vz, vz = paths.around(_VELOCITY, 2)
@@ -235,6 +237,8 @@ def _on_plane(model: SceneModel, paths: _Paths) -> Floats:
 def _along_plate(model: SceneModel, paths: _Paths) -> Floats:
     """Motion of the balls along the plate at each step's start, (8, b, n): slip (2, m/s), spin (3,
     rad/s), friction (2, N), and the kinetic energy without that of the approach (J).
+
+    paths: states and sensors of b balls before the steps and after each of n.
     """
     velocity = paths.vector(_VELOCITY, 0)  # (b, n + 1, 3)
     quaternion = paths.vector(_POSITION, 3, 4)[:, :-1]  # w x y z
@@ -257,7 +261,8 @@ def _from_centre(model: SceneModel, paths: _Paths, clearance: float) -> tuple[Fl
     """Place of the balls in a cup at each step's start: the distance of their centre from that of
     the cup, m, (b, n), and the unit vector from the cup's centre to theirs, its components (b, n).
 
-    clearance: |R2| - R1 of the cup, m.
+    paths: states and sensors of b balls before the steps and after each of n. clearance: |R2| - R1
+    of the cup, m.
     """
     touch = model.origin[model.at[0] : model.at[0] + 3]
     centre = touch + np.array([0.0, 0.0, clearance])
@@ -269,9 +274,11 @@ def _from_centre(model: SceneModel, paths: _Paths, clearance: float) -> tuple[Fl
 def _in_cup(model: SceneModel, paths: _Paths, clearance: float) -> Floats:
     """Penetration, m, its rate, m/s, and normal force, N, of each step, (3, b, n), in a cup.
 
-    Penetration is how far the centre is out of the sphere in which it is free: geometry, not what
-    MuJoCo reports.
-    clearance: |R2| - R1 of the cup, m, the radius of that sphere.
+    Penetration is how far a ball's centre is out of the sphere in which it is free: geometry, not
+    what MuJoCo reports.
+
+    paths: states and sensors of b balls before the steps and after each of n. clearance: |R2| - R1
+    of the cup, m, the radius of that sphere.
     """
     distance, deeper = _from_centre(model, paths, clearance)
     vx = paths.state(_VELOCITY, 0)
@@ -312,6 +319,7 @@ def _force(
     # Round-off is computed only for changes so small that they may be no more than that.
     near = np.flatnonzero(np.abs(gained) <= (fastest + fastest + g * h) * _ROUND_OFF)
     ball, step = np.divmod(near, gained.shape[1])
+    # The speed after a step is that before the next. Counted from the end, no index is out of range.
     after = np.where(step + 1 < gained.shape[1], before[near + 1 - before.size], last[ball])
     noise = np.abs(before[near]) + np.abs(after) + g * h
     noise *= _ROUND_OFF

@@ -92,6 +92,8 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
         )
 
     def dropped(height: float, tilt: float, phase: float) -> Landing:
+        """One landing, in a forked copy. height: m. tilt: rad. phase: of a step, 0 to 1."""
+
         def landing() -> Landing:
             bench, drive, _ = prepared()
             return bench.landing(height, tilt, drive, phase)
