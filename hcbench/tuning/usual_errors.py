@@ -196,7 +196,8 @@ def _for_page(condition: dict[str, Any]) -> dict[str, Any]:
     """A condition of the file in the shorter form that the page loads.
 
     Its "names" has each setting's name once. Each of its "rows" is [α, settings, constant, constant
-    up to the next row], the last as `line` gives it, with a name's index in place of the name.
+    up to the next row]. Of these settings and constants each is [index in "names", error of e], the
+    last with the errors at both ends of the way to the next row; or None for none.
     """
     table = condition["rows"]
     numbers: dict[str, int] = {}

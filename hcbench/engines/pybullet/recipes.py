@@ -298,7 +298,8 @@ class _Misfit:
         )
 
     def residuals(self, parameters: Floats, power: int) -> Floats:
-        """Errors of e at each launch, then of force at each point of the loops, in units, (b, n).
+        """Errors of b trials of the search, (b, n): of e at each launch, then of the force at each
+        point of the loops, in shares of `unit`.
 
         parameters: of the search, (b, 3 contacts - 1). power: to which errors of e are taken, with
         their sign: a higher one makes a sum of squares mind the worst more.
