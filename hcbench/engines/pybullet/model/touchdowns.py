@@ -108,8 +108,9 @@ class _Recording:
         """Read a recording of the bodies that move in a world.
 
         recorded: "qpos" and "qvel", (states, numbers of all moving bodies); "time", s, (states,),
-        where it is known. Raises UserError for a ball joint or a planar one, and for arrays of
-        other shapes; QuantityError for a quaternion of length 0.
+        where it is known. Raises UserError for a ball joint or a planar one, for arrays of other
+        shapes, for numbers that are not finite and for a time that does not rise; QuantityError for
+        a quaternion of length 0.
         """
         self.bullet = bullet
         self.moving = list(_moving_bodies(bullet))
@@ -172,8 +173,8 @@ def touchdowns(
     recorded: "qpos" and "qvel", (states, numbers of all bodies that move), in PyBullet's order: of
     a free base what getBasePositionAndOrientation and getBaseVelocity return, then of its hinges
     and slides what getJointState does; and "time", s, (states,), where it is known.
-    Raises UserError for other shapes and for a pair that the world does not have, QuantityError for
-    states that cannot be.
+    Raises UserError for other shapes, numbers that are not finite, a time that does not rise, and a
+    pair that the world does not have; QuantityError for a quaternion of length 0.
     """
     recording = _Recording(world.bullet, recorded)
     pair = None if request.pair is None else find_pair(world, request.pair)

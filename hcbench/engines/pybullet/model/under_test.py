@@ -529,7 +529,9 @@ class _FixedInForks(PybulletModel):
         self._take(self._with_fixes(self._placed))
 
     def _with_fixes(self, function: Callable[[], Answer]) -> Answer:
-        """Call a function where the fixes are made, and return its result, pickled."""
+        """Call a function in a forked copy of this process where the fixes are made, and return its
+        result, which must pickle.
+        """
 
         def run() -> Answer:
             self._make_fixes()
@@ -623,8 +625,9 @@ def touchdowns_in(
     source: files, a `World`, or a client. request: its pair counts; without one, each link that
     moves on each body that does not. recorded: "qpos" and "qvel", (states, numbers of all bodies
     that move), in PyBullet's order, and "time", s, (states,), where it is known.
-    Raises SceneError for files that do not load, UserError for other shapes and for a pair that the
-    world does not have, QuantityError for states that cannot be.
+    Raises SceneError for files that do not load, UserError for a recording that does not fit the
+    world or has numbers that are not finite, and for a pair that the world does not have;
+    QuantityError for a quaternion of length 0.
     """
     world, _ = loaded(source, None, request.packages)
     try:
