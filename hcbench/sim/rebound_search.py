@@ -199,9 +199,11 @@ class ReboundSearch(ABC, Generic[Spring]):
         return contact if beyond is None else self._towards(contact, "damping", beyond)
 
     def _by_frequency(self, contact: Spring, frequencies: Sequence[float]) -> Spring:
-        """The contact with its frequency, rad/s, moved towards those before and after it in a rising
-        list, as far as it comes nearer to the target and lands no worse: softer springs throw a
-        robot higher, and let it sink deeper.
+        """Move the frequency of a contact towards its neighbours in a list, as far as the contact comes
+        nearer to the target and lands no worse: softer springs throw a robot higher, and let it
+        sink deeper.
+
+        frequencies: rad/s, rising; that of the contact is one of them.
         """
         at = frequencies.index(contact.frequency)
         for beyond in (*frequencies[max(at - 1, 0) : at], *frequencies[at + 1 : at + 2]):

@@ -97,16 +97,19 @@ def row(condition: Condition, alpha: float) -> Row:
 
 
 def lows(condition: Condition) -> list[list[float]]:
-    """Slowest speeds at which the plug-in is exact, over α: pairs [α, speed], s/m and m/s, rising.
+    """Slowest impact speeds at which the plug-in delivers e exactly, as pairs [α, speed], s/m and
+    m/s, in rising order.
 
-    The speed holds up to that α, from the pair before. The list ends at the α above which the
-    plug-in is exact nowhere in the band.
+    Each speed holds for all α from that of the pair before up to its own. The list ends at the α
+    above which the plug-in is exact nowhere in the band.
+
+    condition: engine, step, gravity and band of speeds.
     """
     recipe = first(registry.preferred(condition.engine), Role.LAW, "plane", native=False)
     assert recipe is not None
     steps: list[list[float]] = []
     for alpha in FINE_ALPHAS:
-        target = _asked(condition, alpha)[1]
+        _, target = _asked(condition, alpha)
         low = float(f"{exact_from(recipe, target):.4g}")
         if not low < target.speed_max:
             break

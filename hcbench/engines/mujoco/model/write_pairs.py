@@ -704,7 +704,9 @@ def sliding_mobility(place: PairAtTouch, load: Load) -> float:
     data.qpos[:] = place.qpos
     backend().mj_forward(model, data)
     normal = place.contact.normal
-    across = np.linalg.svd(normal[None])[2][1:]
+    # Two directions in the plate, at right angles: unit vectors, (2, 3).
+    _, _, normal_and_across = np.linalg.svd(normal[None])
+    across = normal_and_across[1:]
     rows = np.array([place.pair.approach_row(data, place.contact.point, way) for way in across])
     mobility = rows @ np.array([response(model, data, row) for row in rows]).T
     return load.strength * place.effective_mass * float(np.linalg.eigvalsh(mobility)[-1])

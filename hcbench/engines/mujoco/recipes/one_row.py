@@ -94,9 +94,9 @@ def _restitution(parameters: Floats, speeds: Floats) -> Floats:
     parameters: (population, 6), in the order of _LOWEST. speeds: over the highest of the band,
     (speeds,).
 
-    By energy along the depth: v²/2 falls by ΔP + ΔG v on the way in, and grows by ΔP - ΔG v on the
-    way out as long as the contact pushes, v being the interval's mean: first that of its ends, then
-    better.
+    By energy along the depth, per unit mass: over an interval v²/2 falls by P + G v on the way in,
+    and grows by P - G v on the way out as long as the contact pushes. P is the interval's elastic
+    work, G its damping, and v its mean speed: first that of its ends, then better.
     """
     work, damping = _work_and_damping(parameters)
     last, part = _way_in(work, damping, speeds)

@@ -245,14 +245,16 @@ def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floa
     One non-negative least-squares problem: a row for the elastic force and one for the damping at
     each penetration, and one for e at each speed; a column for each spring and each damper.
     """
+    # Penetrations, m, (grid,); the law's damping over elastic force, s/m; its elastic force there,
+    # per unit mass, m/s².
     x = band.grid()
     a = band.law.dissipation
     f = band.elastic(x)
+    # (grid, springs): the springs that a penetration has passed.
     behind = x[:, None] > knots
     weights = np.array([d.weight(x) for d in dampers]).reshape(len(dampers), len(x)).T
     share = 1.0 / (1.0 + weights.sum(axis=1) + _SPRING_WEIGHT * behind.sum(axis=1))
-    # A spring starts to act when it asks for more than the others give: its
-    # line starts there, see _rows.
+    # A spring starts to act when it asks for more than the others give: its line starts there.
     already = _SPRING_WEIGHT * (behind * band.elastic(knots)).sum(axis=1) * share
     springs = _SPRING_WEIGHT / MIN_IMPEDANCE * np.maximum(0.0, x[:, None] - knots) * share[:, None]
     damping = weights / np.array([d.solimp[1] for d in dampers]) * share[:, None]
