@@ -71,7 +71,11 @@ class _RowTable(OptionTable):
 
 
 class _Table(OptionTable):
-    """Options of a setting as a user or a file states them, to be checked; see `Options`."""
+    """Options of a setting as a user or a file states them, to be checked.
+
+    integrator, cone, impratio: MuJoCo's; None: the model's own. rows: of the contact. corners: how
+    many points land together. law: of a plug-in, in place of rows; friction: its μ.
+    """
 
     integrator: _Integrator | None = Field(None, description=f"one of: {', '.join(INTEGRATORS)}")
     cone: _Cone | None = Field(None, description=f"one of: {', '.join(get_args(_Cone))}")
