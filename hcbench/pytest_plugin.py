@@ -123,13 +123,13 @@ class RestitutionFixture:
     def __call__(
         self, model: ModelSource, pair: BodyPair | None = None, **options: Unpack[FixtureOptions]
     ) -> ModelBounce:
-        """A model to be held against something; it is measured then.
+        """Name a model and a pair in it; one of the methods of the result, such as `.matches(e)`,
+        measures it.
 
         model: a path (looked for in the test's own folder first), two paths, or an engine's own
-        model object.
-        pair: names, the body that moves first. options: those of launches
-        (`hcbench.terms.options`), engine, max_error, timeout.
-        Fails the test for an unknown option.
+        model object. pair: names of the two, the body that moves first. options: those of launches
+        (`hcbench.terms.options`), limits such as max_error, engine, and timeout; they go before
+        those of the marker. Fails the test for an unknown option.
         """
         __tracebackhide__ = True
         _require_known("restitution()", options)
@@ -184,11 +184,13 @@ class ModelBounce:
         target: Literal["law", "linear"] = "law",
         max_error: float | None = None,
     ) -> Measurement:
-        """Assert the law of eq. (16) with α, a CSV of (v, e), or a pair of materials.
+        """Measure the pair, and fail the test unless e over speed follows a target: the law of 1975
+        with α, a CSV file of points, or a pair of materials. Exactly one is given.
 
-        alpha: such as "0.008 s/in", or a number in s/m. material: such as "rubber on concrete".
-        target: "linear" for e = 1 - α v. pairs: the old name of points.
-        max_error: of e; None: as the options of the fixture have it.
+        alpha: such as "0.008 s/in", or a number in s/m. points: path of a file with columns of
+        speed and e. material: such as "rubber on concrete". target: "linear" for e = 1 - α v.
+        pairs: the old name of points.
+        max_error: error of e that is allowed; None: as the options of the fixture have it.
         """
         if pairs is not None:
             hint_at("pairs", "points")
@@ -206,11 +208,11 @@ class ModelBounce:
     def rests(
         self, max_depth: float | str | None = None, max_vibration: float | str | None = None
     ) -> Measurement:
-        """Assert that at rest the body is in the floor by at most max_depth, and vibrates by less.
+        """Measure the pair, and fail the test if at rest one body lies deeper in the other than
+        max_depth, or vibrates by more than max_vibration.
 
-        max_depth: "1 mm", or a number in m.
-        max_vibration: rms, "1e-4 m/s", or a number in m/s.
-        None: as the options of the fixture have it; fails the test where these have neither.
+        max_depth: "1 mm", or a number in m. max_vibration: rms, "1e-4 m/s", or a number in m/s.
+        None: as the options of the fixture have it; the test fails if these have neither limit.
         """
         limits = {"max_depth": max_depth, "max_vibration": max_vibration}
         for name, value in limits.items():
@@ -234,10 +236,10 @@ class ModelBounce:
             )
 
     def _hold(self, max_error: float | None = None, **against: Any) -> Measurement:
-        """Measure, and fail the test where a limit is passed or nothing could be measured.
+        """Measure the pair, and fail the test where a limit is passed or nothing could be measured.
 
-        max_error: of e; None: as the options of the fixture have it. against: the target, by
-        options of a check.
+        max_error: error of e that is allowed; None: as the options of the fixture have it.
+        against: the target or limits, as options of `hcbench check` by name.
         """
         __tracebackhide__ = True
         self.is_measured = True
@@ -251,9 +253,10 @@ class ModelBounce:
         return outcome.measurement
 
     def _check(self, max_error: float | None, against: Mapping[str, Any]) -> Outcome:
-        """Measure with the options of the fixture and those of this call.
+        """Measure and judge the pair with the options of the fixture and those of this call.
 
-        max_error, against: as of `_hold`. Fails the test for options that are refused.
+        max_error: error of e that is allowed; None: that of the fixture. against: the target or
+        limits, by their options' names. Fails the test for options that are refused.
         """
         from hcbench.checking import CheckSpec, plan, run_check
         from hcbench.system.errors import HcbenchError, UserError

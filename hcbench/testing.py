@@ -92,10 +92,10 @@ Applies = Callable[["type[EngineConformance]", Recipe, Scene], bool]
 
 
 def _claim(*conditions: Applies) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Decorator of a test for the recipes and scenes that meet all conditions.
+    """Decorator of a test that runs for the recipes and scenes that meet all conditions.
 
-    conditions: functions of the class that tests, a recipe and a scene. The test is skipped where
-    what it needs is not installed.
+    conditions: functions of the class that tests, a recipe and a scene, to True or False. The test
+    is skipped where the engine, or what it needs, is not installed.
     """
 
     def marked(test: Callable[..., None]) -> Callable[..., None]:
@@ -157,10 +157,10 @@ class EngineConformance:
 
     @classmethod
     def pytest_generate_tests(cls, metafunc: pytest.Metafunc) -> None:
-        """Parametrize a test that `_claim` decorates with the recipes and scenes that meet its
+        """Let pytest run each test of a claim once for each recipe and scene that meets the claim's
         conditions.
 
-        If the engine is not installed, the class is one skip.
+        Skips the whole class if the engine is not installed.
         """
         if hasattr(metafunc.function, "conditions"):
             with _skip_where_missing():
@@ -213,8 +213,8 @@ class EngineConformance:
 
     @_claim(_bounces)
     def test_the_speed_in_is_the_speed_launched(self, recipe: str, scene: str) -> None:
-        """Nothing changes the speed of the body before it touches, but an engine's own damping where
-        nothing is set.
+        """The speed at touch is the launch speed: nothing slows the body down or speeds it up on the
+        way, but for the engine's own damping in a recipe that sets nothing.
         """
         exact = max(1e-9, rounding(recipe))
         loss = exact
@@ -272,8 +272,8 @@ class EngineConformance:
     def test_a_drop_under_gravity_touches_at_the_speed_of_its_fall(
         self, recipe: str, scene: str
     ) -> None:
-        """v² = 2 g h: exactly where speeds are read at the touch plane, else up to what two steps
-        of fall add.
+        """A body dropped from a height h touches at the speed v with v² = 2 g h: exactly where the
+        engine's speeds are read at the touch plane, else up to what two steps of fall add.
         """
         setting = setting_for(recipe, scene)
         engine = registry.engine(setting.engine)
@@ -283,20 +283,23 @@ class EngineConformance:
         # Speed that one step of free fall adds, m/s.
         fall = GRAVITY * setting.timestep
         speed = (2 * GRAVITY * height) ** 0.5
-        off = 2 * fall
+        allowed = 2 * fall
         if isinstance(adapter_of(engine), SteppedEngine):
             reading = _run_where(engine, _reading_of, with_gravity, setting, BAND[1])
             # A body released at rest moves by g h² in its first step.
             if reading is SpeedReading.TOUCH_PLANE:
                 speed = math.hypot(speed, fall / 2)
-            # The place of the touch enters by v² - 2 g x.
+            # The place of the touch enters by v² - 2 g x: its round-off is that of the radius.
             if "touch plane" in reading:
-                off = 1e-8 * speed + GRAVITY * rounding(recipe) * with_gravity.touch_radius / speed
-        assert impact.speed_in == pytest.approx(speed, abs=off)
+                place = rounding(recipe) * with_gravity.touch_radius
+                allowed = 1e-8 * speed + GRAVITY * place / speed
+        assert impact.speed_in == pytest.approx(speed, abs=allowed)
 
     @_claim(_bounces, _promises_e)
     def test_restitution_is_what_the_role_promises(self, recipe: str, scene: str) -> None:
-        """One e for a native constant, eq. (16) for a law; as near as the recipe says."""
+        """e is what the recipe's role promises, as near as the recipe says: one e at all speeds, or
+        that of eq. (16) at each speed.
+        """
         made_by = registry.recipe(recipe)
         impacts = impacts_for(recipe, scene)
         e = np.array([i.restitution for i in impacts])
@@ -313,10 +316,10 @@ class EngineConformance:
             assert np.abs(e - asked).max() < of_each
         else:
             law = closed_form.restitution(ALPHA, np.array([i.speed_in for i in impacts]))
-            off = made_by.within
-            if not off:
-                off = 1e-4 if made_by.native else 1e-7
-            assert np.abs(e - law).max() < off
+            allowed = made_by.within
+            if not allowed:
+                allowed = 1e-4 if made_by.native else 1e-7
+            assert np.abs(e - law).max() < allowed
 
     @_claim(
         _bounces, lambda cls, *_: isinstance(adapter_of(registry.engine(cls.engine)), SteppedEngine)
@@ -338,10 +341,10 @@ def rounding(recipe: str) -> float:
 
 
 def _run_where(engine: Engine, function: Callable[..., Answer], *args: Any) -> Answer:
-    """Call `function(*args)` where the engine's simulations run, and return its result.
+    """Return `function(*args)`, called where the engine's simulations run: in this process, in a
+    worker process, or in one of the engine's own environment.
 
-    That is this process, a worker, or its environment. Raises what the function raises, and the
-    error of a worker that died or took _LIMIT_S.
+    Raises what the function raises, and the error of a worker that died or took _LIMIT_S.
     """
     where = interpreter_of(engine)
     if getattr(adapter_of(engine), "own_process", False) or where is not None:
@@ -358,10 +361,10 @@ def _reading_of(scene: Scene, setting: Setting, fastest: float) -> SpeedReading:
 def _record_in(
     scene: Scene, setting: Setting, launches: Sequence[Launch], fastest: float, parts: Sequence[int]
 ) -> Floats:
-    """Penetration, rate and force of launches, advanced part by part, shape (3, b, n).
+    """Penetration, rate and force of b launches at each step, SI, (3, b, n), advanced in parts.
 
-    fastest: speed at touch, m/s. parts: steps of each part.
-    Launches share a world where it has places for several.
+    fastest: speed at touch, m/s. parts: numbers of steps, n in all. Launches are simulated together
+    where a world has places for several, else one after another.
     """
     of_groups = []
     with _load_world(scene, setting, fastest) as world:

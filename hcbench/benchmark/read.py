@@ -72,11 +72,11 @@ class Gathered:
 
 
 def gather(job: tuple[Store, Mapping[str, Any], Sequence[tuple[int, str]]]) -> list[Gathered]:
-    """Fold and score the shards of one setting, for each α.
+    """Fold the impacts of one setting's shards to curves, and score them: one result for each α.
 
-    job: their store; the study as plain values, with defaults filled in, SI; and (number, file
-    name) of each shard, in order. Raises UserError for a damaged shard, OutputError for one that
-    cannot be read.
+    job: the store; the study as plain values, with defaults filled in, SI; and (number, file name)
+    of each shard, in order. They come as one argument, as `map` of a pool of processes hands them.
+    Raises UserError for a damaged shard, OutputError for one that cannot be read.
     """
     store, study, shards = job
     seen: dict[Key, _Gathering] = {}
@@ -91,9 +91,10 @@ def gather(job: tuple[Store, Mapping[str, Any], Sequence[tuple[int, str]]]) -> l
 
 
 def places_of(impacts: bytes) -> dict[Key, slice]:
-    """Rows of a shard's table that belong to each key: those of one α follow one another.
+    """Rows of a shard's table that belong to each key, a setting at a time step for one α: such
+    rows follow one another.
 
-    impacts: bytes of the table.
+    impacts: bytes of the table, whose metadata have the number of rows of each key.
     """
     places = {}
     begin = 0
@@ -149,10 +150,11 @@ class _Gathering:
         self._loops: dict[_Launched, Loop] = {}
 
     def add(self, columns: _Columns, loops: Mapping[_Launched, Loop]) -> None:
-        """Add impacts in the order of their launches, and the loops of some of these.
+        """Add the impacts of a shard, in the order of their launches, and the loops of some.
 
-        columns: arrays of shape (n,), SI. loops: by launch speed, m/s, and phase. Impacts wait
-        until they are _PIECE, and those of the last speed until all of its phases are there.
+        columns: arrays of shape (n,), SI. loops: by launch speed, m/s, and phase.
+        Impacts wait until there are _PIECE of them, as folding few costs as much as many; those of
+        the last place of the curve wait for the next shard, which may have more of them.
         """
         self._waiting.append(columns)
         for launch, loop in loops.items():
@@ -166,9 +168,9 @@ class _Gathering:
             whole = _joined(self._waiting)
             place = self._folder.place(whole["speed_m_per_s"])
             # The next shard may have more impacts of this place.
-            last = place == place[-1]
-            self._use(_rows(whole, ~last))
-            self._waiting = [_rows(whole, last)]
+            is_last = place == place[-1]
+            self._use(_rows(whole, ~is_last))
+            self._waiting = [_rows(whole, is_last)]
 
     def _looped(self, columns: _Columns, loops: Mapping[_Launched, Loop]) -> Iterator[Impact]:
         """Impacts of the study's loop speeds along the normal, with their loops.
@@ -181,11 +183,11 @@ class _Gathering:
         for (speed, phase), loop in loops.items():
             if speed not in self._scored:
                 continue
-            here = head_on & (speeds == speed) & (phases == phase)
-            for i in np.flatnonzero(here).tolist():
-                measured: dict[str, Any] = {
-                    field.name: float(columns[field.key][i]) for field in MEASURED
-                }
+            is_launch = head_on & (speeds == speed) & (phases == phase)
+            for i in np.flatnonzero(is_launch).tolist():
+                measured: dict[str, Any] = {}
+                for field in MEASURED:
+                    measured[field.name] = float(columns[field.key][i])
                 yield Impact(
                     launch=Launch(speed, phase),
                     status=Status(columns["status"][i]),
@@ -196,10 +198,9 @@ class _Gathering:
                 )
 
     def _use(self, columns: _Columns) -> None:
-        """Score and fold impacts: all phases of their speeds. Columns without impacts change
-        nothing.
+        """Score and fold impacts, with all phases of their speeds.
 
-        columns: arrays of shape (n,), SI.
+        columns: arrays of shape (n,), SI; n may be 0, which changes nothing.
         """
         if not len(columns["status"]):
             return
@@ -406,10 +407,10 @@ def _versions(versions: Mapping[str, str]) -> dict[str, str]:
 
 
 def _drops(store: Store) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Tables of the drops under gravity: their bounces, and how the bodies lie at the end.
+    """Read the drops under gravity: a table of their bounces (TRAIN_COLUMNS), and one of how the
+    bodies lie at the end (REST_COLUMNS), SI.
 
-    Columns are TRAIN_COLUMNS and REST_COLUMNS. Raises UserError where the store lacks them,
-    OutputError where it cannot be read.
+    Raises UserError where the store lacks them, OutputError where it cannot be read.
     """
     import pandas as pd
 

@@ -182,6 +182,7 @@ class Folder:
         columns: arrays of shape (n,), SI, for all phases of their speeds: a speed whose phases come
         in two calls would be two points of the curve.
         """
+        # Digits that every processor computes alike: a page must not depend on the others.
         e = to_digits(columns[RESTITUTION.key])
         law = to_digits(columns[LAW.key])
         speed_in = to_digits(columns[SPEED_IN.key])
@@ -229,13 +230,11 @@ class Folder:
         asked: Floats,
         angle: Floats,
     ) -> _Part:
-        """Fold the impacts of one angle, arrays of shape (n,).
+        """Fold n impacts of one angle: their curve of e over speed, and one launch of each speed.
 
-        law: e of the law at the impact speed.
-        speed_in, asked: impact speed and the speed asked for, m/s.
-        samples: steps in contact.
-        phase: 0 ... 1.
-        angle: rad, the same for all.
+        e, law: e of the impact, and of the law at its speed. speed_in, asked: impact speed and
+        launch speed, m/s. samples: steps in contact. phase: where in a step the contact starts, 0
+        to 1. angle: rad, the same for all. Each is of shape (n,).
         """
         # Speeds that differ by round-off are one point.
         group = np.unique(asked.round(12), return_inverse=True)[1]
@@ -254,8 +253,10 @@ class Folder:
         shown = self._one_for_neighbours(curve)
 
         def nearest_to(wanted: float) -> ShownLaunches:
+            """Launches in the phase that is nearest to the wanted one, one of each shown speed."""
             order = np.lexsort((phase, np.abs(phase - wanted), group))
-            nearest = order[np.unique(group[order], return_index=True)[1]][shown]
+            first_of_speed = np.unique(group[order], return_index=True)[1]
+            nearest = order[first_of_speed][shown]
             return ShownLaunches(wanted, e[nearest], speed_in[nearest], samples[nearest])
 
         middle_phase = min(np.unique(phase).tolist(), key=lambda p: abs(p - 0.5))
@@ -276,7 +277,9 @@ class Folder:
         return worst_first[np.unique(place[worst_first], return_index=True)[1]]
 
     def folded(self) -> Folded:
-        """Return the summary of what was added. Raises ValueError where nothing was."""
+        """Return the summary of all impacts that were added, with the curve of those at the smallest
+        angle. Raises ValueError where none were added.
+        """
         angle = min(part.angle for part in self._parts)
         curves = []
         of_loops = []
@@ -326,8 +329,9 @@ def _edges(study: Mapping[str, Any]) -> Floats | None:
 
 
 def to_digits(values: Floats) -> Floats:
-    """Values of any shape rounded to _DIGITS significant digits and at most _DECIMALS decimals, for
-    files. Values up to _LEAST become 0; NaN and infinity stay.
+    """Values of any shape, rounded to _DIGITS significant digits and at most _DECIMALS decimals, so
+    that files have the same digits on every processor. Absolute values up to _LEAST become 0; NaN
+    and infinity stay.
     """
     known = np.isfinite(values) & (np.abs(values) > _LEAST)
     # Power of ten of the first digit.
@@ -381,17 +385,17 @@ class ImpactTable:
         folded: Mapping[Key, Folded],
         read: Callable[[Collection[Key]], Iterable[pd.DataFrame]],
     ) -> None:
-        """Results that are read when they are needed.
+        """Keep the folded impacts, and a way to read the rows when they are needed.
 
-        folded: in the study's order.
-        read: rows of some keys in that order, in pieces.
+        folded: by key (setting, α and step), in the study's order. read: rows of some keys, in that
+        order, as data frames one after another.
         """
         self.folded = folded
         self._read = read
 
     @classmethod
     def of(cls, rows: pd.DataFrame, study: Mapping[str, Any]) -> ImpactTable:
-        """The table of impacts that are in memory anyway.
+        """The table of impacts that are in memory: folds them by setting, α and step.
 
         rows: one an impact, with IMPACT_COLUMNS, and FOLDED_OBLIQUE in a study with oblique
         launches. study: as plain values, with defaults filled in, SI.
@@ -521,10 +525,10 @@ class Results(Drawn):
 
     @classmethod
     def read(cls, folder: str | Path) -> Results:
-        """Read what `write` wrote, in this schema or the one before.
+        """Read the results of a folder that `write` wrote, in this schema or the one before.
 
-        folder: written by `hcbench report`. Raises UserError for anything else than a path, for
-        results of another schema, and for a folder whose files are missing or have another form.
+        folder: its path. Raises UserError for anything else than a path, for results of another
+        schema, and for a folder whose files are missing or have another form.
         """
         if not isinstance(folder, str | Path):
             raise UserError("folder", f"{folder!r:.80}", "a path")
@@ -552,10 +556,10 @@ class Results(Drawn):
 
 
 def _answers(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The answers of a summary, each a mapping with the keys of this schema; those of schema 3 are
-    renamed in place.
+    """The answers of `tune` that a summary keeps, each a mapping with the keys of the present
+    schema; keys of an older one are renamed in place.
 
-    summary: content of a summary.json. One that was written before answers were kept gives none.
+    summary: content of a summary.json; one written before answers were kept has none.
     """
     answers: list[dict[str, Any]] = summary.get("answers", [])
     for answer in answers:
@@ -566,10 +570,12 @@ def _answers(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def read_table(path: Path) -> pd.DataFrame:
-    """A table of a results folder, each number with its last digit.
+    """Read a CSV file that `Results.write` wrote as a data frame, each number exact to its last
+    digit.
 
-    path: of a CSV file that `Results.write` wrote. A claim is True, False or None for "not
-    resolved". Raises OSError for a missing file and for a device, ValueError for another form.
+    An empty number is NaN, an empty reason "", and a claim True, False, or None for "not resolved".
+    Raises OSError for a missing file and for what is not a regular file, ValueError for another
+    form.
     """
     import pandas as pd
 

@@ -271,14 +271,15 @@ def imap_unordered(
     jobs: Iterable[Job],
     timeouts: Timeouts,
 ) -> Iterator[tuple[Job, Result]]:
-    """(job, its result), the first to finish first. Few are handed out
-    ahead; what failed is tried again.
+    """Run jobs in worker processes, and yield (job, its result) as they finish.
 
-    A task is one job or several: as many as take `workers.task_s`, judged by the task before.
+    function: called with a job and the timeouts, in a worker. jobs: taken when they are handed out,
+    a few ahead of the workers. A task is one job or several: as many as take `workers.task_s`,
+    judged by the task before.
 
-    Raises at once what `function` raises of hcbench's errors. Raises CannotRun where any other
-    error, such as a worker's end, comes twice of one task, and where the executor is shut down.
-    What is not yet begun is cancelled then, as where the caller stops to iterate.
+    Raises HcbenchErrors of `function` at once. A task with any other error, such as a worker's
+    death, is tried again; CannotRun where that fails too, and where the executor is shut down.
+    Tasks that have not begun are cancelled then, and where the caller stops to iterate.
     """
     waiting = iter(jobs)
     jobs_a_task = 1
@@ -286,7 +287,11 @@ def imap_unordered(
     running: dict[Future[tuple[list[Result], float]], tuple[list[Job], int]] = {}
 
     def submit(task: list[Job], tries: int) -> None:
-        """Hand a task out. Raises CannotRun where the executor takes no work any more."""
+        """Hand a task out to a worker.
+
+        tries: number of the try, from 1. Raises CannotRun where the executor takes no work any
+        more.
+        """
         try:
             running[workers.executor.submit(run_jobs, function, task, timeouts)] = task, tries
         except RuntimeError as error:
@@ -326,6 +331,7 @@ def imap_unordered(
                     submit(task, tries + 1)
                 else:
                     yield from zip(task, results, strict=True)
+                    # As many jobs as take the time of a task, if they take as long as these.
                     in_time = len(task) * workers.task_s / max(seconds, 1e-9)
                     jobs_a_task = int(min(max(in_time, 1), _TOGETHER))
     finally:
@@ -347,7 +353,7 @@ _INSTALL = "pip install distributed pyarrow"
 
 @contextmanager
 def connected(address: str) -> Iterator[Workers]:
-    """Connect to a scheduler, whose workers run a study. The connection ends with the block.
+    """Connect to a Dask scheduler, whose workers run a study; the connection ends with the block.
 
     address: such as "tcp://host:8786".
 
@@ -412,6 +418,7 @@ class _Cluster:
     """
 
     def __init__(self, client: Any, address: str) -> None:
+        """Begin without having asked; `client` is Dask's, `address` that of its scheduler."""
         self._client = client
         self._address = address
         # The last answer: threads of all workers, and the scheduler's own name.
@@ -440,7 +447,10 @@ class _Cluster:
         return self._name
 
     def _ask(self) -> float:
-        """Ask the scheduler again where it is time to; the time now, s."""
+        """Ask the scheduler for its threads and name, if the last answer is older than _COUNT_S.
+
+        Returns the time now, s of time.monotonic. Without an answer the last one is kept.
+        """
         now = time.monotonic()
         if now - self._asked >= _COUNT_S:
             # Without an answer Dask connects again, or gives up and closes the client.
@@ -457,7 +467,7 @@ def _without_workers(address: str, advice: str) -> CannotRun:
 
 
 def _require_workers(client: Any, address: str) -> None:
-    """Wait for a worker, and refuse workers without this version of hcbench.
+    """Wait for the first worker of a cluster, and check the version of hcbench on all.
 
     client: Dask's. address: of its scheduler, for the error. Raises CannotRun without a worker
     within _WORKERS_S, and for a worker without hcbench or with another version.

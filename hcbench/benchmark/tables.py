@@ -58,12 +58,13 @@ def require_parquet() -> None:
 def arrays(
     tables: Sequence[Mapping[str, Any]], names: Sequence[str], metadata: Mapping[str, bytes]
 ) -> bytes:
-    """Tables below one another, as NumPy's bytes, which `columns_in` and `metadata_in` read.
+    """Bytes of an .npz file with several tables, one below the other; `columns_in` and `metadata_in`
+    read it.
 
-    tables: each by the names of its columns. A column has values, all of one length, or one text or
-    float that stands for all rows; at least one column has values.
+    tables: columns by name. A column has values, all of one length, or one text or float that
+    stands for all rows; at least one column has values.
     names: of the columns that are written; every table has them.
-    metadata: texts kept beside the columns, by name.
+    metadata: texts kept with the columns, as bytes, by name.
     """
     content: dict[str, Any] = {}
     for key, text in metadata.items():
@@ -100,7 +101,8 @@ def _filled(values: Any, length: int) -> Any:
 
 
 def _by_number(texts: Any, length: int) -> tuple[Any, Any]:
-    """Each text once, in the order in which they come, and the number of the text in each row.
+    """Store repeated texts by number: each text once, in the order in which they come, (k,), and
+    the index of each row's text in these, (length,).
 
     texts: one for each of `length` rows, or a single text for all.
     """
@@ -115,11 +117,11 @@ def _by_number(texts: Any, length: int) -> tuple[Any, Any]:
 def parquet(
     tables: Sequence[Mapping[str, Any]], names: Sequence[str], metadata: Mapping[str, bytes]
 ) -> bytes:
-    """Tables below one another, as the bytes of a Parquet file.
+    """Bytes of a Parquet file with several tables, one below the other.
 
     tables: columns by name, values or one value for all rows. names: of the columns to write, in
-    this order. metadata: bytes to keep with it, by key. It needs pyarrow: callers see to that by
-    `require_parquet`.
+    this order. metadata: bytes to keep in the file, by key. It needs pyarrow: callers make sure of
+    it by `require_parquet`.
     """
     # Arrow's own pool keeps 10 MB of memory that is freed.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
@@ -150,9 +152,10 @@ def _parquet_type(name: str) -> Any:
 
 # Made from buffers: `pyarrow.array` loads pandas, which takes more memory than the rest of a sweep.
 def _parquet_column(values: Any, length: int, kind: Any) -> Any:
-    """A column as an Arrow array; each text is stored once, with its number in each row.
+    """A column as an Arrow array of type `kind`; in a column of texts each text is stored once, and
+    its index in each row.
 
-    values: `length` of them, or one text or float for all rows. kind: of `_parquet_type`.
+    values: `length` of them, or one text or float for all rows.
     """
     import pyarrow as pa
 
@@ -189,9 +192,9 @@ def metadata_in(content: bytes) -> dict[str, bytes]:
 
 
 def columns_in(content: bytes, names: Collection[str] | None = None) -> dict[str, Any]:
-    """The columns of a table of either kind, by name: arrays of shape (n,), texts as such.
+    """The columns of a table by name: arrays of shape (n,), texts as texts.
 
-    content: bytes that `parquet` or `arrays` made.
+    content: bytes that `parquet` or `arrays` made; the first ones tell which.
     names: those to read; one that the table lacks is left out. None for all.
     """
     if content.startswith(_PARQUET):
@@ -243,7 +246,10 @@ def frame(contents: Iterable[bytes]) -> pd.DataFrame:
 
 
 def frame_of(tables: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """Tables as `columns_in` reads them, one or more, below one another."""
+    """A data frame of one or more tables, one below the other, with the columns of the first.
+
+    tables: arrays by the name of their column.
+    """
     import pandas as pd
 
     joined = {}
@@ -298,10 +304,12 @@ def digest(content: bytes) -> str:
 
 
 def shard_files(shard: Shard, results: Sequence[BatchResult], encode: Encode) -> ShardFiles:
-    """The files of a shard from its batches: the same impacts give the same bytes.
+    """Make the files of a shard from its batches: the table of impacts, a row for each impact and
+    α, that of the loops that are kept, and the summary for each α.
 
-    results: of all its launches, in order, one batch or more.
-    encode: `parquet` or `arrays`. A shard without loops has no file of them.
+    results: of all its launches, in order, one batch or more. encode: makes the bytes of a table,
+    `parquet` or `arrays`. The file of loops is empty if none was kept. The same impacts give the
+    same bytes.
     """
     measured = {}
     for name in results[0].columns:
@@ -335,7 +343,7 @@ def shard_files(shard: Shard, results: Sequence[BatchResult], encode: Encode) ->
 
 
 def _loops_of_all(results: Sequence[BatchResult]) -> list[tuple[int, Loop]]:
-    """Kept loops of all batches, each with the number of its impact in the shard.
+    """Kept loops of all batches of a shard, each with the index of its impact in the shard.
 
     results: of the batches of one shard, in order.
     """
@@ -348,9 +356,9 @@ def _loops_of_all(results: Sequence[BatchResult]) -> list[tuple[int, Loop]]:
 
 
 def _laws(alpha: float, speed: Floats) -> dict[str, Floats]:
-    """e of the law and 1 - α v at each impact speed, m/s; NaN where the speed is.
+    """Columns of the law's e and of 1 - α v at each impact speed; NaN where the speed is NaN.
 
-    alpha: s/m.
+    alpha: s/m. speed: m/s, (n,), as is each column. For an infinite speed the law's e is NaN.
     """
     touched = np.isfinite(speed)
     law = np.full(len(speed), np.nan)
@@ -364,11 +372,11 @@ def _loop_columns(key: Mapping[str, Any], asked: tuple[float, float], loop: Loop
 
 
 def _summary(columns: Mapping[str, Any]) -> Summary:
-    """Share of one shard in its setting's line of the summary, for one α.
+    """Summary of the impacts of one shard for one α: counts, and errors of e against the law and 1 -
+    α v, of those that parted or came to rest; 0 where none did.
 
-    columns: {name: (n,)} of its impacts, as of IMPACT_COLUMNS. Errors are of those that parted
-    or came to rest; 0 where none did. The squares are summed, so that `Totals` can make one root of
-    all shards.
+    columns: of the impacts, by the names in IMPACT_COLUMNS, (n,) each. Squares of errors are only
+    summed, so that `Totals` can take one root over all shards.
     """
     status = np.asarray(columns["status"])
     parted = status == Status.PARTED
@@ -395,7 +403,7 @@ def _largest(values: Floats) -> float:
 # A shard is verified and then read: two calls with the same bytes.
 @lru_cache(maxsize=1)
 def metadata_of(impacts: bytes) -> tuple[str, list[Summary]]:
-    """Metadata of a shard's table: the digest of its loops, "" for none, and its part of the
+    """Read the metadata of a shard's table: the digest of its file of loops, "" for none, and the
     summary for each α.
 
     impacts: bytes of the table. Raises KeyError for a table that is not of a shard.
@@ -438,10 +446,11 @@ def _no_impacts() -> Summary:
 
 
 def _line(total: Summary) -> Summary:
-    """A line of the summary with the names of SUMMARY; its errors are NaN where no impact has an e.
+    """Line of the summary of one setting, α and step, by the names of SUMMARY; its errors are NaN
+    where no impact has an e.
 
-    total: sums of a setting, α and step, with the squares of errors in multiples of the smallest
-    float.
+    total: counts, largest errors, and the sum of the squares of errors in whole multiples of the
+    smallest float, which is exact.
     """
     line = {name: total[name] for name in _COUNTS}
     good = line["parted"] + line["rested"]

@@ -60,7 +60,10 @@ class DartEngine(DescribesContact, ScriptedEngine[DartOptions]):
     )
 
     def lines(self, options: DartOptions, scene: Scene) -> str:
-        """Lines of Python: skeletons of plate and ball in a World, and what a step does first."""
+        """Lines of Python that build a world of plate and ball for a setting, and define its step.
+
+        options: the setting's. scene: not used: its numbers are names that the lines find.
+        """
         by_force = isinstance(options.law, HuntCrossley)
         shapes = (
             "ball_shape.createDynamicsAspect()"

@@ -76,7 +76,11 @@ class ExudynEngine(DescribesContact, ScriptedEngine[ExudynOptions]):
         return ("plane",) if "law" in setting.options else ("plane", "cup")
 
     def lines(self, options: ExudynOptions, scene: Scene) -> str:
-        """Lines of Python: a mass point, its contact or the law, a solver of one step a call."""
+        """Lines of Python that build a mass point with the contact or the law of a setting, and a
+        solver of one step a call.
+
+        options: the setting's. scene: its form and radius of the plate, for the sphere or cup.
+        """
         cup = scene.form == "cup"
         centre = -scene.plate_radius if cup else -_PLATE_RADIUS
         where = {"centre": shortest(centre), "radius": shortest(abs(centre)), "hollow": cup}
@@ -101,10 +105,9 @@ class ExudynEngine(DescribesContact, ScriptedEngine[ExudynOptions]):
         return SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """e and V of impactModel 1, which is the law at all speeds up to V, here the contact's
-        speed.
-
-        Nothing without a speed, or where the law has no bounce there.
+        """One contact in Exudyn's parameters: e and V of its impactModel 1, which is the law at all
+        speeds up to V, here the contact's speed; nothing without a speed, or where the law has no
+        bounce there.
         """
         v = contact.speed
         alpha = contact.alpha
@@ -186,11 +189,11 @@ def _contact(target: Target, model: int, e: float, **more: float) -> dict[str, A
 
 
 def contact_law(target: Target) -> dict[str, Any]:
-    """Options of a setting: eq. (16) itself, by Exudyn's e at its speed V.
+    """Options of a setting: the law of 1975 itself, which Exudyn's contact has at all speeds up to a
+    speed V, by its restitution coefficient 1 - α V.
 
-    V is twice the band's highest speed, or halfway to 1/α where that is nearer.
-
-    Raises SettingError for speeds from 1/α on.
+    V is twice the band's highest speed, or halfway between that speed and 1/α where that is less.
+    Raises SettingError for speeds from 1/α on, at which the law does not bounce in this form.
     """
     fastest = target.speed_max
     alpha = target.law.alpha

@@ -76,7 +76,11 @@ class OpensimEngine(DescribesContact, ScriptedEngine[OpensimOptions]):
     )
 
     def lines(self, options: OpensimOptions, scene: Scene) -> str:
-        """Lines of Python: model, contact or law, and Manager."""
+        """Lines of Python that build a model with the contact or the law of a setting, and a Manager
+        that integrates it.
+
+        options: the setting's. scene: not used: its numbers are names that the lines find.
+        """
         contact, integrator = _parts(options)
         return _LINES.format(
             contact=contact,
@@ -102,7 +106,9 @@ class OpensimEngine(DescribesContact, ScriptedEngine[OpensimOptions]):
 
 
 def _parts(options: OpensimOptions) -> tuple[str, str]:
-    """(lines of the contact or the law, line of the integrator's accuracy, "" for its default)."""
+    """Lines of Python of a setting in two parts: of the contact or the law, and of the integrator's
+    accuracy, "" for OpenSim's default.
+    """
     law = options.law
     if law is None:
         given = (_STIFFNESS, options.stiffness), (_DISSIPATION, options.dissipation)
@@ -193,7 +199,8 @@ _HERTZ = 1.5
 
 
 def stock_accuracy(target: Target) -> dict[str, Any]:
-    """Options of a setting: the numbers of the law, c = α.
+    """Options of a setting with OpenSim's own accuracy: the law's k, and α as Simbody's dissipation,
+    which is the same number.
 
     Raises SettingError for an exponent other than 1.5, which Simbody's contact does not have.
     """

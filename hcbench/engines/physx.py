@@ -68,8 +68,10 @@ class PhysxEngine(DescribesContact, ScriptedEngine[PhysxOptions]):
     )
 
     def lines(self, options: PhysxOptions, scene: Scene) -> str:
-        """Lines of Python: configuration, material or law, and a new scene for each launch.
+        """Lines of Python that configure PhysX, define the material or the law of a setting, and make
+        a new scene for each launch.
 
+        options: the setting's. scene: not used: its numbers are names that the lines find.
         Raises SettingError for a law beside a restitution.
         """
         if options.law is not None and options.restitution is not None:
@@ -90,7 +92,7 @@ class PhysxEngine(DescribesContact, ScriptedEngine[PhysxOptions]):
         return "\n".join(filter(None, _parts(options)))
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """PhysX's restitution of a contact."""
+        """One contact in PhysX's parameters: its restitution, if it has an e, with caveats."""
         if contact.restitution is None:
             return Vocabulary(caveats=_CAVEATS)
         note = f"{contact.at}; on both materials"
@@ -101,7 +103,9 @@ class PhysxEngine(DescribesContact, ScriptedEngine[PhysxOptions]):
 
 
 def _parts(options: PhysxOptions) -> tuple[str, str, str]:
-    """(line of the configuration, of the material, function of a law); "" for none."""
+    """Lines of Python of a setting in three parts: of PhysX's configuration, of the material, "" for
+    none, and of the function that acts before each step, "" for none.
+    """
     given = options.model_dump(include={"bounce_threshold", "enable_tgs"}, exclude_none=True)
     config = ", ".join(
         ["gravity=np.array([0, 0, -gravity])", *(f"{k}={v}" for k, v in given.items())]

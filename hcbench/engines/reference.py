@@ -185,10 +185,12 @@ def _numbers(
 # A study asks for every speed at several phases, which the truth does not depend on.
 @lru_cache(maxsize=512)
 def _impact(law: Law, mass: float, speed: float, gravity: float, timestep: float) -> Impact:
-    """The impact of a mass, kg, at a speed, m/s, under gravity, m/s², with
-    a loop sampled at a step, s. By closed form where there is one, else by ODE.
+    """The impact of a mass on a law, with its loop of force over penetration sampled at a time step;
+    by a closed form where there is one, else by an ODE.
 
     Its arrays are read-only, as all who ask for the same impact share them.
+
+    mass: kg. speed: at touch, m/s. gravity: m/s². timestep: s.
     """
     if isinstance(law, TouchSpeedLaw):
         law = law.at(speed)

@@ -134,8 +134,11 @@ class ContactMeaning:
 
     @property
     def record(self) -> dict[str, Any]:
-        """The numbers as `--json` prints them."""
+        """The numbers as `--json` prints them, SI: those of the contact, then lists of impacts,
+        loads, landings and steps.
+        """
         numbers = record(CONTACT, self)
+        # Of each list its key, the table of its fields, and its items.
         parts: dict[str, tuple[Any, Sequence[Any]]] = {
             "impacts": (CONTACT_IMPACT, self.impacts),
             "loads": (CONTACT_LOAD, self.carried.loads),
@@ -159,11 +162,13 @@ def contact_over_steps(
     timestep: float,
     at_step: Callable[[float], ModelUnderTest],
 ) -> ContactMeaning:
-    """Add to a meaning e of the fastest launches at other time steps than the model's.
+    """The meaning of a contact with its `steps` filled in: e of the fastest launches at the model's
+    time step and at shorter and longer ones.
 
-    timestep: the model's, s; steps are its multiples by SHARES_OF_STEP, up to the first above it
-    that is not stable. at_step: opens the same pair at a time step, s. A step at which the pair
-    cannot be opened has no point; errors that are not hcbench's are raised.
+    request: its highest speed is launched. timestep: the model's, s; steps are its multiples by
+    SHARES_OF_STEP, up to the first above 1 that is not stable. at_step: opens the same pair at a
+    time step, s. A step at which the pair cannot be opened has no point; errors that are not
+    hcbench's are raised.
     """
     many = replace(request, phases=tuple((k + 0.5) / _PHASES for k in range(_PHASES)))
     launches = _straight(many, max(request.speeds))
@@ -189,11 +194,11 @@ def _straight(request: Request, speed: float) -> list[Launch]:
 def _at_another_step(
     timestep: float, launches: Sequence[Launch], at_step: Callable[[float], ModelUnderTest]
 ) -> ContactStep:
-    """e of launches at another time step, s; without a point where the model cannot be launched at
-    it.
+    """Launch a pair at another time step: e of launches of one speed, or no point where the model
+    cannot be launched at this step.
 
-    timestep: s. at_step: opens the pair at a time step. Errors of hcbench's own, such as a step
-    beyond all bounds, mean that it cannot; others are raised.
+    timestep: s. at_step: opens the pair at a time step, s. An HcbenchError, such as for a step
+    beyond all bounds, means that it cannot; other errors are raised.
     """
     try:
         with at_step(timestep) as model:
@@ -210,11 +215,12 @@ def _point(impacts: Sequence[Impact]) -> CurvePoint:
 
 
 def _impact(model: ModelUnderTest, launches: Sequence[Launch]) -> ContactImpact:
-    """The contact in launches that differ in phase alone, one or more; NaN for what no launch
-    shows.
+    """Measure the contact in launches of one speed, one or more, that differ in phase alone: means
+    of e, duration, depth and force, and the spring and damper nearest to its force.
 
-    The spring and damper are fitted to all first touches together, if each has steps enough, and
-    are left out for a force that no spring with a damper has.
+    The spring and damper are fitted to all first touches together. They are NaN unless each touch
+    has steps enough and the force is nearly that of a spring with a damper; so is any other number
+    that no launch shows.
     """
     impacts = simulate.impacts_in(model, launches)
     touches = [_first_touch(model, launch) for launch in launches]
@@ -248,10 +254,11 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def _first_touch(model: ModelUnderTest, launch: Launch) -> Floats:
-    """(penetration m, rate m/s, force N) of the steps of a first touch in which a force acts,
-    shape (3, n); n = 0 for a launch that never touches.
+    """Follow a launch until its first touch is over, and return the steps in which a force acts:
+    rows of penetration (m), rate (m/s) and force (N), shape (3, n).
 
-    Steps with numbers that are not finite are left out.
+    n is 0 for a launch that never touches. At most _FOLLOWED steps are followed; those with numbers
+    that are not finite are left out.
     """
     parts: list[Floats] = []
     with closing(model.follow(launch)) as simulation:
@@ -259,7 +266,9 @@ def _first_touch(model: ModelUnderTest, launch: Launch) -> Floats:
             parts.append(simulation.advance(_ADVANCED).rows()[:3, 0])
             force = np.concatenate(parts, axis=1)[2]
             acts = np.flatnonzero(force)
-            if not np.isfinite(force).all() or (acts.size and not force[acts[0] :].all()):
+            # A step without force after one with force: the touch is over.
+            has_parted = acts.size > 0 and not force[acts[0] :].all()
+            if has_parted or not np.isfinite(force).all():
                 break
     rows = np.concatenate(parts, axis=1)
     is_acting = rows[2] != 0.0
@@ -275,11 +284,12 @@ def _first_touch(model: ModelUnderTest, launch: Launch) -> Floats:
 def spring_and_damper(
     penetration: Floats, rate: Floats, force: Floats
 ) -> tuple[float, float, float]:
-    """(stiffness N/m, damping N s/m, rms of what they leave over the largest force) of the spring
-    and damper that are nearest to a force, N, in the least squares, with a constant beside them.
+    """Fit force = k penetration + c rate + constant by least squares.
 
-    penetration, m, rate, m/s, force: of the steps in contact, (n,). A soft constraint's force has a
-    constant part: its share of what else accelerates the body. NaN where the steps do not tell.
+    penetration (m), rate (m/s) and force (N): of the steps in contact, (n,) each.
+    Returns k (N/m), c (N s/m) and the misfit: rms of what they leave, over the largest force. All
+    three are NaN where the steps do not tell them apart. The constant is part of a soft
+    constraint's force: its share of what else accelerates the body.
     """
     columns = np.array([penetration, rate, np.ones(len(force))])
     sizes = np.abs(columns).max(axis=1)
@@ -289,9 +299,10 @@ def spring_and_damper(
     solution, _, rank, _ = np.linalg.lstsq(scaled, force, rcond=1e-9)
     if rank < len(columns):
         return math.nan, math.nan, math.nan
-    left = force - scaled @ solution
+    residual = force - scaled @ solution
+    misfit = float(np.sqrt(np.mean(residual**2)) / np.abs(force).max())
     stiffness, damping, _ = (solution / sizes).tolist()
-    return stiffness, damping, float(np.sqrt(np.mean(left**2)) / np.abs(force).max())
+    return stiffness, damping, misfit
 
 
 def as_lines(meaning: ContactMeaning) -> list[str]:
@@ -399,11 +410,20 @@ def _from_to(lowest: float, highest: float, digits: str) -> str:
 
 
 def _two_columns(rows: Sequence[_Row]) -> list[str]:
-    """Lines of rows: titles at the left, then one or two values, aligned."""
-    first = max(len(title) for title, *_ in rows)
-    second = max((len(cells[0]) for _, *cells in rows if len(cells) > 1), default=0)
+    """Lines of rows: titles at the left, then the values, aligned in two columns.
+
+    rows: (title, value) or (title, first value, second value); a lone value, which may be long,
+    does not widen the first column.
+    """
+    title_width = max(len(title) for title, *_ in rows)
+    value_width = 0
+    for _title, value, *others in rows:
+        if others:
+            value_width = max(value_width, len(value))
     lines = []
-    for title, *cells in rows:
-        texts = [cells[0].ljust(second), *cells[1:]] if len(cells) > 1 else cells
-        lines.append(f"{title:<{first}}  {'  '.join(texts)}".rstrip())
+    for title, value, *others in rows:
+        cells = [value]
+        if others:
+            cells = [value.ljust(value_width), *others]
+        lines.append(f"{title:<{title_width}}  {'  '.join(cells)}".rstrip())
     return lines

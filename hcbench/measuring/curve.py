@@ -135,22 +135,25 @@ def curve_of(impacts: Iterable[Impact], wanted: Callable[[Impact], float] | None
     count = len(every)
     group = np.zeros(count, dtype=np.int64)
     samples = np.zeros(count, dtype=np.int64)
-    sent = np.zeros((3, count))
-    came_back = np.zeros((3, count))
+    speed, angle, phase = np.zeros((3, count))
+    speed_in, restitution, after_force = np.zeros((3, count))
     along = np.zeros((count, len(ALONG)))
     target = np.full(count, math.nan)
+    # Number of the point of a launch, by the launch without its phase.
     number_of: dict[Launch, int] = {}
     for i, impact in enumerate(every):
         launch = impact.launch
         group[i] = number_of.setdefault(launch.at_any_phase, len(number_of))
         samples[i] = impact.samples
-        sent[:, i] = launch.speed, launch.angle, launch.phase
-        came_back[:, i] = impact.speed_in, impact.restitution, impact.restitution_after_force
+        speed[i] = launch.speed
+        angle[i] = launch.angle
+        phase[i] = launch.phase
+        speed_in[i] = impact.speed_in
+        restitution[i] = impact.restitution
+        after_force[i] = impact.restitution_after_force
         along[i] = along_plate(impact)
         if wanted is not None and impact.is_measured:
             target[i] = wanted(impact)
-    speed, angle, phase = sent
-    speed_in, restitution, after_force = came_back
     return curve_of_columns(
         group,
         speed=speed,
@@ -197,11 +200,12 @@ class _Phases:
         means = np.full((self.count, width), math.nan)
         if values is not None:
             ordered = values[self.rows].reshape(-1, width)
-            # About the first one: the mean of equal values is their value, to the last bit.
+            # Mean = first value + mean of the differences from it: then the mean of equal values is
+            # their value, to the last bit.
             first = ordered[self.starts]
-            off = ordered - np.repeat(first, self.sizes, axis=0)
-            beyond = self.share[:, np.newaxis] * off
-            means[self.known] = first + np.add.reduceat(beyond, self.starts, axis=0)
+            differences = ordered - np.repeat(first, self.sizes, axis=0)
+            weighed = self.share[:, np.newaxis] * differences
+            means[self.known] = first + np.add.reduceat(weighed, self.starts, axis=0)
         if width > 1:
             return means
         return means[:, 0]
@@ -280,16 +284,18 @@ def curve_of_columns(
 
 
 def step_shares(phases: Floats, starts: Whole) -> Floats:
-    """The share of a step that each phase stands for, shape (n,); a group's add up to 1.
+    """The share of a step that each phase stands for, (n,); those of a group add up to 1.
 
-    phases: shape (n,), parts of a step, rising within each group.
-    starts: where each group begins, (k,).
-    It is half of the gaps to both neighbours, around the step. `measure` launches at more phases
-    where e differs between neighbours, so the phases are not even.
+    phases: where in a step each contact starts, 0 to 1, (n,); rising within each group.
+    starts: index at which each of the k groups begins, (k,).
+    The share is half of the gaps to the two neighbours; the first phase follows the last one, as
+    one step follows another. `measure` launches at more phases where e differs between neighbours,
+    so the phases are not even.
     """
+    # Index of the last phase of each group; the cut is for no phases at all.
     ends = np.append(starts[1:], len(phases))[: len(starts)] - 1
     following = np.roll(phases, -1)
-    # The step after the last phase is that of the first again.
+    # After the last phase of a group comes its first, a step later.
     following[ends] = phases[starts] + 1.0
     gap_after = following - phases
     gap_before = np.roll(gap_after, 1)
@@ -308,11 +314,12 @@ _PHASES_MAX = 32
 
 
 def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
-    """Impacts of a request's launches, by speed, angle and phase; without given phases, at those that
-    matter (`Request.adapt_phases`).
+    """Launch what a request asks for: impacts by speed, angle and phase (where in a step the
+    contact starts, 0 to 1).
 
-    A long contact is launched at one phase, others at those of the request. Where few steps decide,
-    the gap between two neighbours that differ is halved until the scatter of e is found, up to
+    If the user gave no phases (`request.adapt_phases`), they are chosen: a contact of many steps is
+    launched at one phase, others at those of the request; then, where few steps decide, the gap
+    between two neighbours whose e differ is halved until the scatter of e is found, up to
     _PHASES_MAX phases.
     Raises what the model raises at a launch.
     """
@@ -347,10 +354,11 @@ def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
 
 def _between(impacts: Sequence[Impact]) -> list[Launch]:
     """Launches at phases half-way between neighbours whose e differ, the most different first; empty
-    once all is known, and where a contact takes so many steps that its phase hardly matters.
+    once no neighbours differ by much, and where a contact takes so many steps that its phase hardly
+    matters.
 
-    impacts: of one speed and angle, in the order of their phases, one or more. The step after the
-    last phase is that of the first again.
+    impacts: of one speed and angle, in the order of their phases, one or more. The first phase
+    follows the last one, as one step follows another.
     """
     room = _PHASES_MAX - len(impacts)
     if room <= 0 or min(impact.samples for impact in impacts) > STEPS_BY_CHANCE:

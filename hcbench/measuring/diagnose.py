@@ -207,11 +207,11 @@ _FLAT = 0.1
 def goal_of(
     asked: Sequence[float], speeds: Sequence[float], wanted: RestitutionCurve | None
 ) -> Goal:
-    """e that a bounce at an approach speed (m/s) should have, as a function; NaN without a target.
+    """Make the function from approach speed (m/s) to the e that a bounce should have: the user's
+    target, else what the model itself asks for, else NaN.
 
-    asked: e that the model asks for at `speeds`, m/s, which counts where nothing is wanted; () for
-    none.
-    wanted: the user's target, or None.
+    asked: e that the model asks for at each of `speeds`, m/s; () for none. wanted: the user's
+    target, or None.
     """
     if wanted is not None:
         return lambda speed: float(wanted.at(speed))
@@ -231,8 +231,9 @@ def diagnose(
     wanted: RestitutionCurve | None = None,
     tolerance: float = TOLERANCE,
 ) -> tuple[tuple[Cause, ...], str]:
-    """Find the causes of a bounce that is not as it should be: (causes, the strongest first; a
-    sentence on what is left when all of them are fixed).
+    """Find the causes of a bounce that is not as it should be.
+
+    Returns the causes, the strongest first, and sentences on what is left when all are fixed.
 
     impacts: of the model as it is.
     goal: e over approach speed, m/s, that the bounce should have; NaN for none.
@@ -281,8 +282,8 @@ def diagnose(
 
 
 def _assumed_e(suspects: Sequence[Suspect]) -> float | None:
-    """e that the likeliest suspect of those with one takes for the
-    target; None where there is none.
+    """The e that a suspect takes for the target where the user gave none; of several the likeliest
+    suspect's, None where no suspect takes one.
     """
     for suspect in suspects:
         if suspect.assumed_e is not None:
@@ -325,8 +326,8 @@ class _Trials:
         self._impacts: dict[frozenset[str], list[Impact]] = {}
 
     def impacts(self, fixes: Sequence[Suspect]) -> list[Impact]:
-        """One impact for each launch with these fixes made; none where the pair cannot be measured
-        then.
+        """Impacts of the probe launches, one each, in a copy of the model with these fixes made;
+        empty where the pair cannot be measured then.
         """
         key = _codes(fixes)
         if key not in self._impacts:
@@ -370,11 +371,11 @@ def _is_off(impacts: Sequence[Impact], goal: Goal, tolerance: float) -> bool:
 
 
 def _probe_launches(impacts: Sequence[Impact], goal: Goal, step_cost: float) -> list[Launch]:
-    """Launches to try fixes on: some phases of the worst speed, the lowest and the highest.
+    """Launches to try fixes on: some phases of the worst speed, the lowest and the highest; as many
+    as can be afforded of the worst speed alone, where all would take too many steps.
 
-    Of the worst speed alone where all take too many steps. impacts: of the model as it is, one or
-    more. goal: e over approach speed, m/s.
-    step_cost: cost of a step over that of a ball on a plane.
+    impacts: of the model as it is, one or more. goal: e over approach speed, m/s; NaN for none.
+    step_cost: time of a step over that of a ball on a plane.
     """
 
     def badness(impact: Impact) -> tuple[bool, float]:
@@ -397,10 +398,11 @@ def _probe_launches(impacts: Sequence[Impact], goal: Goal, step_cost: float) -> 
 
 
 def _probe_phases(impacts: Sequence[Impact], step_cost: float) -> list[Launch]:
-    """Evenly chosen launches of one speed, four at most.
+    """Launches of one speed at _PROBE_PHASES phases or fewer, evenly chosen; at one phase alone
+    where steps cost much and all phases have the same e.
 
-    One only where steps cost much and all phases have the same e. impacts: of that speed, one or
-    more. step_cost: cost of a step over that of a ball on a plane.
+    impacts: of that speed, one or more, by phase. step_cost: time of a step over that of a ball on
+    a plane.
     """
     e = [impact.restitution for impact in impacts]
     # False where one of them is NaN.
@@ -414,8 +416,8 @@ def _probe_phases(impacts: Sequence[Impact], step_cost: float) -> list[Launch]:
 def _hidden_suspects(
     suspects: Sequence[Suspect], trials: _Trials, wanted: RestitutionCurve | None, tolerance: float
 ) -> list[Suspect]:
-    """Suspects that show only where the others are fixed, if that does not cure the pair; else
-    none.
+    """Suspects that a copy with all fixes made shows for the first time, if these fixes do not cure
+    the pair; else none.
 
     suspects: of the model as it is. trials: measures copies with fixes. wanted: the user's target,
     or None. tolerance: error of e up to which a pair counts as cured.
@@ -431,11 +433,13 @@ def _hidden_suspects(
 
 
 def _tried_causes(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -> list[Cause]:
-    """The fewest fixes that cure as well as all of them do, the strongest first.
+    """Causes among the suspects: the fewest fixes that together cure as well as all do, the
+    strongest first; or, if all together cure nothing, each that helps alone.
 
-    Where all together cure nothing, those that help alone. Those that are always reported are among
-    them. The strength of a fix is the error of e that comes back where it alone is left out.
-    fixes: suspects that can be tried, the likeliest first. tolerance: of e.
+    Suspects that are always reported are among the causes. The strength of a fix is the error of e
+    that comes back if it alone is left out.
+    fixes: suspects that can be tried, the likeliest first. trials: measures copies with fixes.
+    tolerance: error of e up to which a bounce is as it should be.
     """
     before = trials.max_error([])
     after = trials.max_error(fixes)
@@ -457,6 +461,7 @@ def _tried_causes(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -
     largest = max(error_without.values(), default=0.0) or 1.0
 
     def strength(suspect: Suspect) -> int:
+        # In few grades, so that round-off does not decide the order of nearly equal ones.
         return round(_GRADES * error_without[suspect.code] / largest)
 
     # The sort is stable: among equals the likeliest stays first.
@@ -465,7 +470,11 @@ def _tried_causes(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -
 
 
 def _minimal_fixes(fixes: Sequence[Suspect], trials: _Trials, allowed: float) -> list[Suspect]:
-    """The fixes that keep the largest error of e within `allowed`, the least likely left out first."""
+    """The fixes that are needed to keep the largest error of e within `allowed`: they are left out one
+    after the other, the least likely first, as long as the error stays within.
+
+    fixes: the likeliest first. trials: measures copies with fixes.
+    """
     needed = list(fixes)
     for suspect in reversed(fixes):
         others = _without(needed, suspect)
@@ -487,11 +496,11 @@ def _cause(suspect: Suspect, alone: float = math.nan, without: float = math.nan)
 
 
 def _summary(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -> str:
-    """A sentence on what remains with all causes fixed: the mean e and the error, or that it is
-    unexplained.
+    """A sentence on what remains with all causes fixed: the mean e and the largest error, or that
+    the error is not explained.
 
-    fixes: of the causes. tolerance: the larger of it and half the error of the model as it is may
-    remain.
+    fixes: of the causes. trials: measures copies with fixes. The error counts as explained if what
+    remains is within `tolerance`, or is half of that of the model as it is, or less.
     """
     before = trials.max_error([])
     after = trials.max_error(fixes)
@@ -504,10 +513,10 @@ def _summary(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -> str
 
 
 def _constant_e_hint(impacts: Sequence[Impact], goal: Goal, tolerance: float) -> str:
-    """A sentence if this contact has one e where the target has several; "" otherwise.
+    """A sentence if this contact has the same e at every speed, but the target's e varies by more
+    than one e can be right for; "" otherwise.
 
-    goal: e wanted at an impact speed, m/s.
-    tolerance: of e.
+    goal: e over approach speed, m/s. tolerance: error of e that is allowed.
     """
     parted = [impact for impact in impacts if impact.status is Status.PARTED]
     e = [impact.restitution for impact in parted]
@@ -520,11 +529,12 @@ def _constant_e_hint(impacts: Sequence[Impact], goal: Goal, tolerance: float) ->
     if span <= 2 * tolerance or max(e) - min(e) > _FLAT * span:
         return ""
     longest = max(impact.samples for impact in parted)
-    one = ""
+    in_one_step = ""
     if longest <= 1:
-        one = "takes one step and "
+        in_one_step = "takes one step and "
+    mean = float(np.mean(e))
     return (
-        f"This contact {one}gives the same e at every speed, {float(np.mean(e)):.4g}, but the target is"
+        f"This contact {in_one_step}gives the same e at every speed, {mean:.4g}, but the target is"
         f" {highest:.4g} ... {lowest:.4g}. The best constant e is wrong by {span / 2:.2g};"
         " `hcbench tune` makes contacts whose e falls with speed."
     )

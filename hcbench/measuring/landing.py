@@ -151,8 +151,8 @@ def make_drops(
 
 
 def land_job(job: Job, drops: DropPlan, limit: float | None = None) -> Landings:
-    """The drops of one robot: of a file, in a worker, unless a function of this process controls
-    it.
+    """Drop the robot of a job: a model in a file in a worker process, unless the controller is a
+    function of this process, which no other process could call.
 
     limit: s, after which a worker counts as hung; None: the default of `run_job`.
     Raises UserError for what cannot be dropped, EngineFailed where the worker died or hung.
@@ -162,10 +162,11 @@ def land_job(job: Job, drops: DropPlan, limit: float | None = None) -> Landings:
 
 
 def _landed(drops: DropPlan, job: Job) -> Landings:
-    """Drop the robot of a job, with notes on a step that is too long.
+    """Drop the robot of a job in this process, and add notes on a step that is too long.
 
-    Raises UserError for an engine in which hcbench drops no robots, and for a controller in a file
-    that cannot be used.
+    A controller "file.py:function" is read here. Raises UserError for an engine in which hcbench
+    drops no robots, for a controller or a model in a Python file that cannot be used, and for a
+    model that no engine opens; SceneError for a file that no engine opens.
     """
     engine, source, rebuild = source_of(job)
     if not isinstance(engine, LandsRobots):
@@ -182,14 +183,15 @@ def _landed(drops: DropPlan, job: Job) -> Landings:
 def unresolved(landings: Landings) -> list[str]:
     """Sentences on a step that is too long for the fall or the contact, with the step to take.
 
-    Empty where the step is short enough. With a longer one, no number of the landings holds.
+    Empty where the step is short enough. Where it is too long, no number of the landings holds.
     """
     h = landings.timestep
     found = []
+    # Duration of the shortest fall, s.
     shortest = min(math.sqrt(2.0 * drop.height / landings.gravity) for drop in landings.drops)
     if h > _SHARE_OF_FALL * shortest:
-        off = f"its speed may be wrong by {landings.gravity * h:.2g} m/s"
-        evidence = f"a fall lasts {shortest / h:.2g} steps, and {off}"
+        error = f"its speed may be wrong by {landings.gravity * h:.2g} m/s"
+        evidence = f"a fall lasts {shortest / h:.2g} steps, and {error}"
         fix = f"a step of {_SHARE_OF_FALL * shortest:.1g} s"
         found.append(f"The step is too long for the fall: {evidence}. Use {fix} or less.")
     gains = [drop for drop in landings.drops if drop.restitution > 1.0 + NOTABLE_GAIN]
@@ -206,8 +208,8 @@ def unresolved(landings: Landings) -> list[str]:
 
 
 def _few_steps(landings: Landings) -> list[str]:
-    """One sentence on drops in which so few steps are in contact that chance moves e, in a list;
-    empty where `unresolved` says more.
+    """A list of one sentence, if so few steps of a drop are in contact that e depends by chance on
+    where in a step the contact starts; empty otherwise, and where `unresolved` has a worse warning.
     """
     h = landings.timestep
     fewest = min(_steps(drop, h) for drop in landings.drops)
@@ -303,11 +305,13 @@ def by_drop(robots: Sequence[Landings], names: Sequence[str]) -> Iterator[tuple[
 
 
 def _row(drop: Landing, name: str) -> tuple[str, ...]:
-    """Cells of one landing: height in m, times in ms, slip and penetration in mm, tilt in degrees.
+    """Cells of one landing: height in m, tilt in degrees, speed in m/s, e, peak force, impulse in
+    N s, contact time in ms, slip and penetration in mm, numbers of feet and of feet that bounce.
 
-    name: of the robot. "" stands for the impulse where the engine has forces. e, the peak force and
-    the penetration are over all places of the touch in a step.
+    name: of the robot. e, the peak force and the penetration are spans over all places of the touch
+    in a step.
     """
+    # Only an engine without forces has an impulse.
     impulse = ""
     if not math.isnan(drop.impulse):
         impulse = f"{drop.impulse:.4g}"
@@ -331,8 +335,10 @@ def _row(drop: Landing, name: str) -> tuple[str, ...]:
 
 
 def span(drop: Landing, name: str, scale: float, digits: int) -> str:
-    """The values of an attribute over all places of the touch in a step, times a scale: one number
-    with `digits` digits where they agree, else the lowest and highest with one digit less.
+    """Text of a number of a landing over all places of the touch in a step: one number with
+    `digits` decimals where they agree, else the lowest and the highest with one decimal less.
+
+    name: attribute of `drop`. scale: from its unit to the one that is printed.
     """
     low, high = (scale * value for value in drop.over_phases(name))
     least, most = number(low, f".{digits - 1}f"), number(high, f".{digits - 1}f")
@@ -374,7 +380,11 @@ def _foot_rows(drop: Landing, is_tilted: bool) -> list[tuple[str, ...]]:
 def _without_model(
     header: tuple[str, ...], rows: list[tuple[str, ...]], several: bool
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Header and rows without the column of the model where there is one robot; else as they are."""
+    """Leave the column of the model out of a table for one robot; header and rows as they are for
+    several.
+
+    several: whether the table has more than one robot.
+    """
     if several:
         return header, rows
     at = header.index("model")
@@ -498,8 +508,8 @@ def _foot_record(foot: Touchdowns) -> dict[str, Any]:
 
 
 def touchdowns_text(motion: TrajectoryTouchdowns) -> str:
-    """The touchdowns as lines for a terminal, with advice on a coarse recording and on settings
-    without a band.
+    """The touchdowns of a recorded motion as lines for a terminal: a row for each foot, in m/s,
+    then advice on a recording with too few states and on settings without a band of speeds.
     """
     lines = [
         f"{sanitized(motion.model)}: {motion.states} states, one every {1e3 * motion.interval:.4g} ms",
@@ -528,7 +538,11 @@ def touchdowns_text(motion: TrajectoryTouchdowns) -> str:
 
 
 def _touchdowns_row(foot: Touchdowns) -> tuple[str, ...]:
-    """Cells of one foot: speeds in m/s, the share outside the band in per cent, "" without a band."""
+    """Cells of one foot: names of the two, number of touchdowns, speeds along the normal (median,
+    95 %, largest) and sliding (median, largest) in m/s, band, share outside of it, and setting.
+
+    Without a band of speeds for which the setting is valid, the band is "—" and the share "".
+    """
     valid = "—"
     outside = ""
     if foot.band is not None:

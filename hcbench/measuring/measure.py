@@ -197,11 +197,11 @@ def measure_job(job: Job, limit: float | None = None) -> Measurement:
 
 
 def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Answer:
-    """Call `work(job)`: for files in a worker, which may crash, hang or run out of memory; for
-    objects here.
+    """Return `work(job)`: for a model in files called in a worker process, which may crash, hang or
+    run out of memory; for an object called here.
 
-    limit: s of the clock, after which it counts as hung; None: LIMIT_S of
-    processor time, or the engine's own where that is longer.
+    limit: s of the clock, after which the worker counts as hung; None: LIMIT_S of processor time,
+    or the engine's own where that is longer.
 
     Raises EngineFailed where the worker died or hung, and what `work` raises.
     """
@@ -249,10 +249,10 @@ def prepare(name: str) -> None:
 
 
 def _as_files(model: Any) -> str | tuple[str, ...] | None:
-    """The paths or text of a model, which can be sent to the worker; None for an object of an
-    engine.
+    """The path or text of a model, or a tuple of several paths, which can be sent to a worker; None
+    for an object of an engine.
 
-    A tuple for several files, and the one for a list of one.
+    A list of one file is that file.
     """
     if isinstance(model, list | tuple) and len(model) == 1:
         # One file is opened by the engine of its kind, not by one that opens several files.
@@ -277,9 +277,9 @@ def _label(source: str | tuple[str, ...]) -> str:
 
 
 def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
-    """Answer of a job, within the limit of memory that a model may take.
+    """Return `work(job)`, in the worker process, within the memory that a model may take.
 
-    Raises what `work` raises of hcbench's own errors; UserError for names that are not in UTF-8;
+    Raises HcbenchErrors of `work` as they are; UserError for names that are not in UTF-8;
     EngineFailed for any other error, and for a model that needs more memory.
     """
     try:
@@ -300,9 +300,10 @@ def _in_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
 
 
 def _measured(job: Job) -> Measurement:
-    """Launch the pair, lay it down, and look for causes of what is not as wanted.
+    """Measure the pair of a job: launch it, lay it down, look for causes of what is not as wanted,
+    and find what its contact means, where the job asks for that.
 
-    Raises UserError for a pair that cannot be opened, or that never touched without a cause found;
+    Raises UserError for a pair that cannot be opened, or that never touched if no cause was found;
     EngineFailed for an engine that fails on it.
     """
     request = job.request
@@ -346,8 +347,8 @@ def _measured(job: Job) -> Measurement:
 
 
 def _is_as_chosen(facts: Facts, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> bool:
-    """True if hcbench wrote this contact, it keeps its promise, and nothing else is wanted: then
-    there are no causes to look for.
+    """True if hcbench wrote this contact, nothing that it promised by has changed, the impacts keep
+    its promise, and the user wants no other e(v): then there are no causes to look for.
 
     impacts: of the model, held against the promise. wanted: the target, None for none.
     """
@@ -376,12 +377,13 @@ def _memory() -> int:
 
 
 def source_of(job: Job) -> tuple[OpensModels, Any, Callable[[], Any] | None]:
-    """(engine that opens the model of a job, model, function that makes the model again, or None
-    where it need not be made).
+    """Find the engine that opens the model of a job.
 
-    A function of a Python file is called here, once. Raises UserError where that fails, where no
-    engine opens the model or the engine that is named does not open models; SceneError for a file
-    that none opens.
+    Returns the engine, the model, and a function that makes the model again; None in its place for
+    a model that can be opened again as it is.
+    A source "file.py:function" is called here, once, and its result is the model. Raises UserError
+    where that fails, where no engine opens the model or the engine that is named does not open
+    models; SceneError for a file that no engine opens.
     """
     source = job.source
     rebuild = None
@@ -394,11 +396,11 @@ def source_of(job: Job) -> tuple[OpensModels, Any, Callable[[], Any] | None]:
 
 
 def _engine_for(source: Any, name: str | None) -> OpensModels:
-    """The engine of that name, or the first that opens such a model.
+    """The engine of that name, or for None the first that opens such a model.
 
     source: paths, text or an object.
-    Raises UserError for a name of none that opens models and for an object that none opens,
-    SceneError for a file that none opens.
+    Raises UserError for a name that is not that of an engine that opens models, and for an object
+    that no engine opens; SceneError for a file that no engine opens.
     """
     if name is not None:
         if registry.base_name(name) in registry.names():
@@ -424,10 +426,9 @@ def _engine_for(source: Any, name: str | None) -> OpensModels:
 
 
 def _model_file_error(source: str | Path) -> SceneError:
-    """The error for a path that no engine opens, with advice by its suffix; it is returned, not
-    raised.
+    """The error to raise for a path that no engine opens, with advice by its suffix.
 
-    source: the path, of a file that is there or not.
+    source: the path; the file need not exist.
     """
     # A dict keeps each suffix once, in order.
     suffixes: dict[str, None] = {}

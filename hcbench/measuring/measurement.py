@@ -169,8 +169,8 @@ class Measurement(Drawn):
 
     @property
     def failure(self) -> str:
-        """Sentence on why no launch that touched has an e; "" where one has, and where none
-        touched.
+        """Sentence on why every launch failed: the reason of the first and the likeliest cause; ""
+        where one has an e, and where the bodies never touched.
         """
         touched = [impact for impact in self.impacts if impact.status is not Status.NO_TOUCH]
         if not touched or self.measured:
@@ -192,8 +192,8 @@ class Measurement(Drawn):
 
     @property
     def loops(self) -> list[Impact]:
-        """One impact a launch speed, the first of those that parted with a loop, and with steps
-        enough in contact to show its force.
+        """Impacts whose loop of force over penetration is worth drawing: of each launch speed the
+        first that parted, has a loop, and has STEPS_TO_SHOW steps in contact or more.
         """
         loops: dict[float, Impact] = {}
         for impact in self.impacts:
@@ -222,8 +222,8 @@ class Measurement(Drawn):
 
     @property
     def effective_mass(self) -> float:
-        """Effective mass, kg: the model's, or else by the momentum of the first impact with a loop;
-        or NaN.
+        """Effective mass, kg: the model's; or, where that is unknown, the impulse of the contact
+        force of the first impact with a loop, over its change of speed; or NaN.
         """
         if math.isfinite(self.facts.effective_mass):
             return self.facts.effective_mass
@@ -235,10 +235,10 @@ class Measurement(Drawn):
 
     @property
     def _fitted_alpha(self) -> float:
-        """α of the law that describes e over speed, s/m; NaN where none does.
+        """α of the law fitted to the measured e over speed, s/m; NaN where no α describes it.
 
-        None does where nothing bounces or there is one speed, and where the law is wrong by more
-        than TOLERANCE (rms), or by more than half of what one e for all speeds would be.
+        So it is where nothing bounces or there is one speed, and where the fitted law is wrong by
+        more than TOLERANCE (rms), or by more than half of what one e for all speeds would be.
         """
         speeds = np.array([i.speed_in for i in self.measured])
         e = np.array([i.restitution for i in self.measured])
@@ -252,10 +252,10 @@ class Measurement(Drawn):
 
     @property
     def law(self) -> HuntCrossley | None:
-        """Law for comparison: the target's α, or the fitted; k such that the hardest impact goes as
-        deep.
+        """Law of 1975 to compare loops with: its α is the target's or else the fitted one, and its
+        k, N/m^n, makes the fastest impact of many steps as deep as it was measured.
 
-        None without either: no α was given, and no law describes the measured e. k is 1 where no
+        None without an α: none was given, and no law describes the measured e. k is 1 where no
         impact of many steps shows a penetration, or the mass is unknown.
         """
         alpha = self.wanted.alpha if isinstance(self.wanted, Restitution) else self._fitted_alpha
@@ -263,14 +263,17 @@ class Measurement(Drawn):
             return None
         unit = HuntCrossley(1.0, alpha)
         mass = self.effective_mass
+        # Only an impact of many steps shows how deep it was.
         resolved = [
             i for i in self.measured if i.samples >= STEPS_TO_COMPARE and i.penetration_max > 0
         ]
         if not resolved or not math.isfinite(mass):
             return unit
-        hardest = max(resolved, key=lambda i: i.speed_in)
-        depth = float(closed_form.penetration_max(unit, mass, hardest.speed_in))
-        return HuntCrossley((depth / hardest.penetration_max) ** (unit.exponent + 1), alpha)
+        fastest = max(resolved, key=lambda impact: impact.speed_in)
+        unit_depth = float(closed_form.penetration_max(unit, mass, fastest.speed_in))
+        # The greatest penetration goes as k to the power -1/(n + 1).
+        stiffness = (unit_depth / fastest.penetration_max) ** (unit.exponent + 1)
+        return HuntCrossley(stiffness, alpha)
 
     @property
     def score(self) -> scoring.Score | None:

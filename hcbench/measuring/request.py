@@ -124,15 +124,15 @@ def read_joints(text: Any) -> Pose:
 
 
 def _joint(name: Any, values: Any) -> tuple[float, ...]:
-    """The values of a joint, or of a field of the state, in a mapping: text with units, or numbers,
-    SI.
+    """Numbers of a joint, or of a field of a state such as qpos, from a mapping's value: text with
+    units, or numbers in SI.
 
     name: of the joint or field. Raises QuantityError for anything else than finite numbers.
     """
     if isinstance(values, str):
         return tuple(_values(name, values))
     if name == "eq_active" and np.asarray(values).dtype == bool:
-        # The engine's own are True and False.
+        # Engines keep this field as True and False, which `_numbers` refuses.
         values = np.asarray(values, dtype=float)
     return _numbers(name, values)
 
@@ -150,13 +150,15 @@ def _values(name: str, text: str) -> list[float]:
         numbers = _numbers(name, list(map(float, text.split())))
         return [_ANGLES.get(unit, 1.0) * x for x in numbers]
     except ValueError:
+        # A single length with its unit, such as "2 cm".
         return [units.parse(text, "position", f"qpos: {name}")]
 
 
 def _numbers(name: Any, values: Any) -> tuple[float, ...]:
-    """The values of a joint as finite numbers, in a flat tuple.
+    """One or more finite numbers as a flat tuple, from a number or an array of any shape.
 
-    name: of the joint, for the error. Raises QuantityError for anything else, and for none.
+    name: of the joint, for the error. Raises QuantityError for other values, and for an empty
+    array.
     """
     try:
         numbers = tuple(units.real_array(values).reshape(-1).tolist())
@@ -170,11 +172,11 @@ def _numbers(name: Any, values: Any) -> tuple[float, ...]:
 
 
 def read_state(state: Any) -> Pose:
-    """The arrays of a state file: .npz, or JSON with names and numbers; of
-    joints, or whole, such as qpos.
+    """A pose: (name, numbers) of each array of a state, such as a joint's or "qpos".
 
-    Of an engine's state in Python, such as an MjData, those of its fields that are a pose. Raises
-    UserError for anything else, QuantityError for numbers that are not finite.
+    state: path of an .npz file, or of JSON with names and numbers; or an engine's state in Python,
+    such as an MjData, of which those fields count that are a pose; None for the empty pose.
+    Raises UserError for anything else, QuantityError for numbers that are not finite.
     """
     if state is None:
         return ()
@@ -224,8 +226,10 @@ def _arrays(content: bytes) -> dict[str, Any]:
 
 
 def read_direction(text: Any) -> Vector:
-    """A unit vector of "above", "-x" and the like, or of three numbers such as "0,1,1": the side
-    from which the first body comes. Raises QuantityError for anything else and for three zeros.
+    """Unit vector to the side from which the first body comes.
+
+    text: a word such as "above" or "-x", or three numbers such as "0,1,1" of any length. Raises
+    QuantityError for anything else and for three zeros.
     """
     if isinstance(text, str) and text.strip() in _DIRECTIONS:
         return _DIRECTIONS[text.strip()]
@@ -250,12 +254,14 @@ _THREE_NUMBERS = re.compile(r"\s*[-+\d.e]+\s+[-+\d.e]+\s+[-+\d.e]+.*")
 
 @checked
 def make_request(pair: BodyPair | None = None, **launch: Unpack[LaunchOptions]) -> Request:
-    """A request from what a user writes, text with units parsed.
+    """Make the request of a measurement from what a user writes: numbers, or text with units.
 
-    pair: "a,b" or ("a", "b"), first the one that moves.
-    launch: as `LaunchOptions` describes it.
+    pair: "a,b" or ("a", "b"), first the one that moves; None where the model leaves no choice.
+    launch: the pose, the launches and the world by name, such as speeds, height, angle, phases,
+    qpos, state, timestep and gravity; `LaunchOptions` has them all. None stands for not given.
 
-    Raises UserError, and QuantityError for numbers and units.
+    Raises UserError for options that exclude each other, and QuantityError for numbers and units
+    that cannot be read.
     """
     given: dict[str, Any] = {name: value for name, value in launch.items() if value is not None}
     if "along" in given and "angle" not in given and "spin" not in given:
@@ -283,10 +289,11 @@ def make_request(pair: BodyPair | None = None, **launch: Unpack[LaunchOptions]) 
 
 
 def request_for(request: Request, speeds: object, known: MaterialPair | None) -> Request:
-    """Request at the speeds of a material's measurement, where none were given.
+    """The request, at the speeds at which a material was measured if the user gave none.
 
-    speeds: as the user gave them, or None. known: the material that the target is taken from. Warns
-    of launches outside its range.
+    speeds: as the user gave them, or None. known: the material that the target is taken from; None
+    for another target, which leaves the request as it is. Warns of launches outside the range of
+    speeds for which the material is known.
     """
     if known is None:
         return request
@@ -299,8 +306,8 @@ def request_for(request: Request, speeds: object, known: MaterialPair | None) ->
 def _each_once(
     quantity: str, name: str, kind: str, **bounds: float
 ) -> Callable[[Any], tuple[float, ...]]:
-    """Make a reader of several quantities in SI, which refuses equal ones and those outside the
-    bounds by QuantityError.
+    """Make a function that reads one or several quantities, text with units or numbers, as a tuple
+    in SI; it raises QuantityError for equal ones and for those outside the bounds.
 
     quantity: such as "speed". bounds: `above` or `least`, SI. name: of the option. kind: "a speed"
     and the like, for the error.
@@ -379,10 +386,11 @@ def _height(height: Any) -> float:
 
 
 def _phases(phases: int | str | Iterable[float]) -> tuple[float, ...]:
-    """Shares of a step at which it touches: as given, or as many in the middles of equal parts.
+    """Phases, the shares of a step at which bodies touch: as given, or for a number n the middles
+    of n equal parts of the step.
 
-    Raises QuantityError for a number of phases below 1 or above MAX_PHASES, and for shares that are
-    alike or not within 0 <= share < 1.
+    phases: n, shares, or text of either. Raises QuantityError for n below 1 or above MAX_PHASES,
+    and for shares that are alike or not within 0 <= share < 1.
     """
     if isinstance(phases, str):
         text = phases.strip()
@@ -403,8 +411,9 @@ def _phases(phases: int | str | Iterable[float]) -> tuple[float, ...]:
 
 
 def _gravity(gravity: Any) -> Vector:
-    """Gravity, m/s²: three numbers, or one along -z. Raises QuantityError for one below 0, and for
-    another number of numbers.
+    """Vector of gravity, m/s², of three numbers, or of one along -z; text may have units.
+
+    Raises QuantityError for a single one below 0, and for two, or more than three.
     """
     given = gravity
     gravity = units.without_pint(gravity, "acceleration", "gravity")

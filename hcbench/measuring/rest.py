@@ -50,10 +50,11 @@ class RestLimits:
         return f"at most a {' and a '.join(phrases)} at rest"
 
     def beyond(self, rest: Rest | None) -> dict[str, tuple[float, float]]:
-        """(value, limit) of what is above its limit, by name, SI; NaN is above any.
+        """(value, limit) of each quantity above its limit, "penetration" (m) or "vibration" (m/s);
+        empty where none is.
 
-        rest: None where the two do not rest: then both are NaN. A vibration that dies away counts
-        only for limits of the user's.
+        rest: the pair at rest; None where the two do not rest: then both values are NaN, which is
+        above any limit. A vibration that dies away counts only if the user gave the limits.
         """
         calms = rest is not None and rest.dies_away and not self.of_user
         names = ("penetration",) if calms else ("penetration", "vibration")
@@ -72,10 +73,12 @@ ANY_REST = RestLimits(math.inf, math.inf)
 def at_rest(
     model: ModelUnderTest, limits: RestLimits | None, impacts: Sequence[Impact]
 ) -> tuple[Rest | None, list[Suspect]]:
-    """The pair at rest, and what can be tried to bring it within the limits, likeliest first.
+    """Measure the pair at rest, and list what can be tried to bring it within limits.
 
-    limits: None: nothing is measured, and the pair at rest is None.
+    limits: of penetration and vibration; None: nothing is measured.
     impacts: of the same model, by which it names suspects.
+    Returns the pair at rest, None where it was not measured or does not rest; and suspects with a
+    fix, likeliest first, none where the pair is within the limits.
     """
     if limits is None:
         return None, []

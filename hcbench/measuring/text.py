@@ -138,8 +138,8 @@ def as_text(measurement: Measurement) -> str:
 
 
 def _curve_lines(measurement: Measurement) -> list[str]:
-    """Lines of the table of e over speed, a row a launch speed and angle; columns of angle, e after
-    the force and failures only where there are some.
+    """Lines of the table of e over speed: a row for each launch speed and angle, in m/s and
+    degrees. Columns of the angle, of e after the force and of failures are left out if empty.
     """
     speeds = measurement.request.speeds
     asked_e = measurement.facts.asked or (math.nan,) * len(speeds)
@@ -192,11 +192,15 @@ def _approach_note(measurement: Measurement) -> list[str]:
     """One sentence where joints or servos sped up a launch that was not meant to fall; else none."""
     if measurement.request.height is not None:
         return []
-    strange = [p for p in measurement.curve if p.speed > 0 and not p.speed_in < _FASTER * p.speed]
-    strange = [p for p in strange if p.speed_in - p.speed > _gained(measurement)]
-    if not strange:
+    # Points that are much faster at touch than at launch, and by more than gravity explains.
+    sped_up = []
+    for point in measurement.curve:
+        is_faster = point.speed > 0 and not point.speed_in < _FASTER * point.speed
+        if is_faster and point.speed_in - point.speed > _gained(measurement):
+            sped_up.append(point)
+    if not sped_up:
         return []
-    worst = max(strange, key=lambda p: p.speed_in / p.speed)
+    worst = max(sped_up, key=lambda point: point.speed_in / point.speed)
     return [
         f"Launched at {worst.speed:.4g} m/s, the bodies meet at {worst.speed_in:.4g} m/s: joints or"
         " servos speed them up on the way. Start from a pose in which they are at rest."
@@ -228,10 +232,12 @@ def _parting_note(measurement: Measurement) -> list[str]:
 
 
 def _shares_note(measurement: Measurement) -> list[str]:
-    """One sentence with what else pushed or pulled while the two touched, as shares of the contact's
-    impulse, where the other causes did NOTABLE_SHARE or more together; else none.
+    """A list of one sentence on what else pushed or pulled while the two touched, in per cent of
+    the contact's impulse; empty where all other causes together did less than NOTABLE_SHARE.
 
-    A body that stays is pushed for hundreds of steps: in speeds the sums would say nothing.
+    `facts.shares` has the approach speed that each cause took, over the speed at touch; below 0
+    for one that worked against the contact. The sentence compares with the contact, since a body
+    that stays is pushed for hundreds of steps: the shares themselves would then say nothing.
     """
     facts = measurement.facts
     if not facts.more_than_contact >= NOTABLE_SHARE:
@@ -241,9 +247,14 @@ def _shares_note(measurement: Measurement) -> list[str]:
     if contact <= 0.0:
         strong = [name for name, share in others.items() if abs(share) >= NOTABLE_SHARE]
         return [f"While the two touch, more than their contact acts: {', '.join(strong)}."]
-    shares = {name: share / contact for name, share in others.items()}
-    against = [f"{-100 * s:.0f} % by {name}" for name, s in shares.items() if s <= -NOTABLE_SHARE]
-    along = [f"{100 * s:.0f} % by {name}" for name, s in shares.items() if s >= NOTABLE_SHARE]
+    against = []
+    along = []
+    for name, of_speed in others.items():
+        share = of_speed / contact
+        if share <= -NOTABLE_SHARE:
+            against.append(f"{-100 * share:.0f} % by {name}")
+        elif share >= NOTABLE_SHARE:
+            along.append(f"{100 * share:.0f} % by {name}")
     parts = []
     if against:
         parts.append(f"taken up: {', '.join(against)}")
@@ -287,8 +298,8 @@ def setting_text(value: Any) -> str:
 
 
 def _score_lines(measurement: Measurement) -> list[str]:
-    """Lines on the score against the law: fitted α, energy lost, loops and claims; none without a
-    law, or if an impact came to rest.
+    """Lines on how the impacts compare with the law: fitted α, energy lost over speed, loops of
+    force, claims of the law, gain of energy. Empty without a law, or if an impact came to rest.
     """
     score = measurement.score
     law = measurement.law

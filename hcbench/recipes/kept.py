@@ -36,11 +36,11 @@ _OLD_S = 90 * 86400.0
 
 
 def place_of(recipe: Recipe, target: Target, versions: Mapping[str, str]) -> Path | None:
-    """The file in which the setting for a target is kept; it need not exist.
+    """Path of the file in the cache that keeps the setting for a target; it need not exist.
 
-    versions: of the engine and of what computes.
-    None for a recipe that is not of its engine's folder in this package, because it depends on more
-    than is known, and where there is no cache folder.
+    versions: of the engine and of the libraries that compute, by name.
+    None for a recipe from outside its engine's folder in this package, as its code is not part of
+    the file's name, and where there is no cache folder.
     """
     folder = recipe.engine.replace("-", "_")
     if not f"{recipe.function.__module__}.".startswith(f"hcbench.engines.{folder}."):
@@ -59,10 +59,10 @@ def place_of(recipe: Recipe, target: Target, versions: Mapping[str, str]) -> Pat
 
 
 def kept(recipe: Recipe, target: Target, place: Path | None) -> Setting | None:
-    """The setting of a recipe for a target that a file keeps; None without one, and for a file that
-    is old, not whole, or open to other users.
+    """Read the kept setting of a recipe for a target; None without one, and for a file that is old
+    or not whole, or whose folder other users can write to.
 
-    place: of the file, as `place_of` returns it.
+    place: path of the file, as `place_of` returns it.
     """
     with suppress(OSError, ValueError):
         if (
@@ -78,15 +78,17 @@ def kept(recipe: Recipe, target: Target, place: Path | None) -> Setting | None:
 
 
 def make(recipe: Recipe, target: Target, place: Path | None) -> Setting:
-    """The setting that a recipe makes of a target, kept in a place if it took a search.
+    """Make the setting of a recipe for a target, and keep it in a file if that took long; files
+    that are old are deleted then.
 
-    place: None: not kept. Where the file cannot be written nothing is kept, and nothing said.
-    Raises what the recipe raises.
+    place: path of the file, None to keep nothing. Where the file cannot be written nothing is
+    kept, without an error. Raises what the recipe raises.
     """
     began = time.process_time()
     setting = recipe(target)
     took = time.process_time() - began
     text = json.dumps(setting.options)
+    # Options that JSON would change, such as tuples, are not kept: they would come back otherwise.
     if place is not None and took >= _WORTH_S and json.loads(text) == setting.options:
         with suppress(OSError):
             if is_private(place.parent):

@@ -41,13 +41,14 @@ _DELIVERED = "The delivered e follows from χ. It differs from the target, excep
 
 
 def exact_above(slowest: float, e: float) -> float:
-    """Impact speed over g h from which the restitution plug-ins' e is exact.
+    """Impact speed, over g h (gravity times step), from which the e of a restitution plug-in is
+    exact.
 
-    slowest: speed over g h below which impacts rest by chance of where in the step they touch.
-    e: the restitution, 0 ... 1.
+    slowest: speed over g h below which impacts come to rest or not, by chance of where in the step
+    they touch. e: the restitution, 0 ... 1.
 
     Gravity pulls a body that parts at less than g h/2 back within the step: it stays down, as with
-    e = 0.
+    e = 0. For e = 0 that makes no difference.
     """
     return max(slowest, 0.5 / e) if e > 0.0 else slowest
 
@@ -55,13 +56,13 @@ def exact_above(slowest: float, e: float) -> float:
 def plug_in_recipes(
     engine: str, native: Sequence[Recipe], common: Options, exact_above: Callable[[float], float]
 ) -> tuple[Recipe, ...]:
-    """Recipes for an engine into which hcbench.contact plugs a law: by force, by restitution,
-    published.
+    """Recipes of an engine for which hcbench.contact has a plug-in: the law of 1975 as a force, its
+    e at each impact, and the laws published since as forces.
 
-    native: recipes of its own contact, which messages name where a law cannot be had.
-    common: options of each setting, beside "law".
-    exact_above: e to the impact speed over g h from which the law at any step is exact.
-    The recipes raise SettingError for a step that does not resolve the contact of a force.
+    engine: its name. native: recipes of its own contact, which messages name where a law cannot be
+    had. common: options of each setting, beside "law".
+    exact_above: e to the impact speed over g h from which the restitution law is exact.
+    The recipes of a force raise SettingError for a step that does not resolve its contact.
     """
     constant = first(native, Role.CONSTANT_E, "plane")
     at_any_step = [constant.name] if constant else []
@@ -161,12 +162,11 @@ def published_law_recipes(
     note: str,
     steps_min: float = 0.0,
 ) -> tuple[Recipe, ...]:
-    """Recipes of F = k x^n (1 + χ(e) v/v_i), one for each law of LAWS: one e for all speeds.
+    """Recipes of forces F = k x^n (1 + χ(e) v/v_i), one for each law of LAWS; v_i is the speed of
+    each impact at touch, so the law has one e for all speeds.
 
-    v_i is the speed of each impact at touch.
-    options: a setting's, for a target and a law that is asked for the best constant restitution of
-    its band.
-    note: how the engine runs the law.
+    engine: its name. options: makes a setting's options of a target and a law, which is set to the
+    best constant e of the target's band. note: how the engine runs the law, a sentence.
     steps_min: steps in the shortest contact that the engine needs.
     """
 
@@ -212,8 +212,8 @@ def _any_of(names: Sequence[str]) -> str:
 
 
 def _require_resolved(target: Target, law: HuntCrossley, advice: str) -> None:
-    """Raise SettingError, with `advice`, for a target whose step does not resolve the law's
-    contact at the band's highest speed, its shortest.
+    """Raise SettingError, with `advice`, for a target whose time step does not resolve the law's
+    contact at the band's highest speed, at which it is shortest: less than STEPS_OF_A_LAW steps.
     """
     steps = float(closed_form.duration(law, target.mass, target.speed_max)) / target.timestep
     if steps < STEPS_OF_A_LAW:

@@ -91,25 +91,26 @@ class Search:
             progress(min(self._done, self._budget), self._budget)
 
     def record(self, parameters: Floats, errors: Floats) -> None:
-        """Count evaluations and remember the best: errors of e, shape (n,), at parameters (n, k).
+        """Count n evaluations, and remember the one with the least error.
 
-        NaN is the worst.
+        parameters: (n, k). errors: of e at them, (n,); NaN is the worst.
         """
         errors = np.nan_to_num(errors, nan=np.inf)
         i = int(np.argmin(errors))
+        # The best so far is (its error, its parameters).
         if self._best is None or errors[i] < self._best[0]:
             self._best = float(errors[i]), np.array(parameters[i])
         self.add(len(errors))
 
     def recorded(self, errors: LimitedErrors) -> LimitedErrors:
-        """The function of parameters (n, k) and limits, (n,), with its evaluations counted and the
-        best remembered.
+        """The same function of parameters, (n, k), and limits, (n,), to errors of e, (n,), that
+        also counts its evaluations and remembers the best parameters.
         """
 
         def evaluate(parameters: Floats, limits: Floats) -> Floats:
-            off = errors(parameters, limits)
-            self.record(parameters, off)
-            return off
+            found = errors(parameters, limits)
+            self.record(parameters, found)
+            return found
 
         return evaluate
 
@@ -137,17 +138,17 @@ def evolve(
     random: np.random.Generator,
     towards_best: bool = False,
 ) -> Floats:
-    """Members, shape (n, k), after `generations`, the one with the least error first.
+    """Search the parameters with the least error by differential evolution (Storn & Price 1997)
+    with binomial crossing, a whole generation in one call of `errors`.
 
-    errors: of members, (n, k), and limits, (n,), above which any number will do; gives (n,).
-    members: the first generation.
-    bounds: lowest and highest, (k,).
-    towards_best: mutants differ from the best member, which is faster and finds less; else from
-    their own.
-    Differential evolution (Storn & Price 1997), binomial crossing, a whole generation in one call
-    of `errors`: SciPy's takes longer to import than this to search. Raises what `errors` raises.
+    errors: of members, (n, k), and limits, (n,), to the error of each, (n,); above its limit a
+    member is not needed, and any number above it will do.
+    members: the first generation, (n, k). bounds: lowest and highest parameters, (k,) each.
+    towards_best: mutants start from the best member, which is faster and finds less; else each from
+    its own. Returns the last generation, (n, k), the member with the least error first.
+    SciPy's takes longer to import than this to search. Raises what `errors` raises.
     """
-    worst = errors(members, np.full(len(members), np.inf))
+    least = errors(members, np.full(len(members), np.inf))
     count, size = members.shape
     lowest, highest = bounds
     numbers = np.arange(count)
@@ -155,7 +156,7 @@ def evolve(
         one, other = members[random.integers(0, count, (2, count))]
         base = members
         if towards_best:
-            base = members[worst.argmin()]
+            base = members[least.argmin()]
         mutants = base + random.uniform(*_MUTATION) * (one - other)
         crossed = random.random(members.shape) < _CROSSED
         # At least one parameter of each mutant is crossed.
@@ -163,11 +164,11 @@ def evolve(
         trials = np.where(crossed, mutants, members)
         outside = (trials < lowest) | (trials > highest)
         trials = np.where(outside, random.uniform(lowest, highest, members.shape), trials)
-        off = errors(trials, worst)
-        better = off <= worst
+        found = errors(trials, least)
+        better = found <= least
         members = np.where(better[:, None], trials, members)
-        worst = np.where(better, off, worst)
-    return members[worst.argsort()]
+        least = np.where(better, found, least)
+    return members[least.argsort()]
 
 
 class Role(StrEnum):
@@ -287,10 +288,11 @@ def first(
 def on_a_plane(
     engine: str, name: str, role: Role, function: Callable[..., Mapping[str, Any]], **more: Any
 ) -> Callable[..., Recipe]:
-    """Function of summary and notes that makes a recipe for scenes of the form "plane".
+    """Function of a summary and notes that makes a recipe of these fields, for scenes with a plane
+    alone; with it, a table of recipes ends each entry with its sentences.
 
-    engine, name, role: of the recipe. function: from a target to options, as of `Recipe`. more:
-    other fields of it.
+    engine, name, role, function: of the recipe; the function makes options of a target. more:
+    other fields of `Recipe`.
     """
     return lambda summary, *notes: Recipe(
         engine, name, role, function, summary, notes, forms=("plane",), **more

@@ -101,7 +101,9 @@ class Target:
     material: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
-        """Raise SettingError for numbers without meaning, and for points whose e rises with speed."""
+        """Check the fields: SettingError for a mass, step or speed that is not above 0, gravity or
+        friction below 0, less than one corner, and an e(v) that rises or leaves 0 ... 1.
+        """
         for slot, value, unit in (
             ("mass", self.mass, "kg"),
             ("timestep", self.timestep, "s"),
@@ -109,9 +111,9 @@ class Target:
         ):
             if not 0 < value < np.inf:
                 raise SettingError(slot, f"{value!r} {unit}", f"above 0 {unit}")
-        for slot, value, least in (("gravity", self.gravity, 0), ("friction", self.friction, 0)):
-            if not least <= value < np.inf:
-                raise SettingError(slot, f"{value!r}", f"{least} or more")
+        for slot, value in (("gravity", self.gravity), ("friction", self.friction)):
+            if not 0 <= value < np.inf:
+                raise SettingError(slot, f"{value!r}", "0 or more")
         if self.corners < 1:
             raise SettingError("corners", f"{self.corners!r}", "1 or more")
         if not self.speed_min <= self.speed_max < np.inf:
@@ -163,8 +165,8 @@ class Target:
         return "target", _WORDS[self.reading].partition(",")[0]
 
     def fitting_law(self) -> str:
-        """Advice to take the law that the points lie near, as a sentence; "" for one e, or near no
-        law.
+        """Advice to take the law that fits the target's points, with its α, as a sentence; "" if it
+        has a single point or none, and if no law fits them.
         """
         if len(self.points) < 2:
             return ""
@@ -178,7 +180,9 @@ class Target:
 
 
 def _require_falling(measured: MeasuredRestitution) -> None:
-    """Raise SettingError, with the first two, for points whose speeds do not rise, or whose e does."""
+    """Raise SettingError for points whose speeds do not rise, or whose e rises with speed; it names
+    the first two neighbours of this kind.
+    """
     speeds = measured.speeds
     values = measured.values
     rises = np.flatnonzero((np.diff(values) > 0) | (np.diff(speeds) <= 0))
@@ -218,10 +222,10 @@ LOWEST_UNDERDAMPED = math.exp(-2.0)
 
 
 def minimax_constant(target: Target) -> tuple[float, float]:
-    """The constant e with the least largest error over the band, and that error.
+    """The constant e with the least largest error over a target's band of speeds, and that error.
 
-    e falls with v, so the error is largest at both ends of the band and the best constant is
-    halfway.
+    e falls with speed, so the error is largest at both ends of the band and the best constant is
+    halfway between the e there.
     """
     ends = target.restitution(np.array([target.speed_min, target.speed_max]))
     high = float(ends.max())
@@ -230,11 +234,10 @@ def minimax_constant(target: Target) -> tuple[float, float]:
 
 
 def contact_time(target: Target, steps: float = STEPS_OF_A_SPRING) -> float:
-    """Contact time, s, of the spring-damper that replaces the law: the law's at the geometric mean
-    speed.
+    """Contact time, s, of the spring and damper that replace the law: the law's contact time at the
+    geometric mean speed of the band, or `steps` time steps if that is longer.
 
-    At least `steps` time steps, so that a coarse step still sees a contact; the spring is then
-    softer than the law.
+    A coarse step so still sees a contact; the spring is then softer than the law.
     """
     speed = math.sqrt(target.speed_min * target.speed_max)
     duration = float(closed_form.duration(target.law, target.mass, speed))
@@ -242,13 +245,13 @@ def contact_time(target: Target, steps: float = STEPS_OF_A_SPRING) -> float:
 
 
 def implicit_spring_damper(target: Target, duration: float, instead: str) -> tuple[float, float]:
-    """k, N/m, and c, N s/m, of F = k (x + h v') + c v', v' the rate after a step, for the best
-    constant e.
+    """Stiffness k, N/m, and damping c, N s/m, of an implicit contact with the best constant e of
+    the target: F = k (x + h v') + c v', with v' the rate after the step h.
 
     duration: of the contact, s. instead: recipe to name in an error.
-    Those whose steps have the poles exp((-β ± i ω) h) of `spring_damper_rates`'s contact exactly: m exp(2
-    β h) = m + h c + h² k, so c is smaller than a continuous damper's by k h. Where c would be below
-    0 the contact is made slower until it is not.
+    The steps have the poles exp((-β ± i ω) h) of the continuous contact x'' + 2 β x' + (ω² + β²) x
+    = 0 exactly: m exp(2 β h) = m + h c + h² k, so c is smaller than a continuous damper's by k h.
+    Where c would be below 0 the contact is made slower until it is not.
     Raises SettingError for e = 1, since such a step always damps, and for an e that only an
     overdamped contact has.
     """
@@ -274,10 +277,10 @@ def spring_damper_rates(restitution: float, duration: float, instead: str) -> tu
     """β and ω, 1/s, of the contact x'' + 2 β x' + (ω² + β²) x = 0 that has this e and duration (s).
 
     instead: recipe to name in an error.
-    The contact pushes only, so it ends where the force is 0, before x is: with the damping ratio
-    sin ψ at ω t = π - 2 ψ, with β = ω tan ψ.
-    Raises SettingError for an e outside exp(-2) < e <= 1, which only an overdamped contact has, or
-    none.
+    The contact only pushes, so it ends when the force is 0, before x is. With the damping ratio
+    written as sin ψ, that is at ω t = π - 2 ψ, and β = ω tan ψ.
+    Raises SettingError for an e of exp(-2) or less, which only an overdamped contact has, and for
+    one above 1.
     """
     if not LOWEST_UNDERDAMPED < restitution <= 1.0:
         raise SettingError(
@@ -292,16 +295,18 @@ def spring_damper_rates(restitution: float, duration: float, instead: str) -> tu
 
 
 def one_way_spring_damper(target: Target, duration: float, instead: str) -> tuple[float, float]:
-    """k, N/m, and c, N s/m, of F = k x + c x' on the way in and k x on the way out, for the best e.
+    """Stiffness k, N/m, and damping c, N s/m, of a contact that damps on the way in alone (F = k x
+    + c x', then k x), with the best constant e of the target.
 
     duration: of the contact, s. instead: recipe to name in an error.
-    e = exp(-ζ/√(1-ζ²) acos ζ), ζ = c/(2 √(k m)), and it lasts (acos ζ/√(1-ζ²) + π/2)/ω, ω² = k/m:
-    the way in is a damped oscillator's from touch to its first standstill.
+    The way in is a damped oscillator's from touch to its first standstill. So with ζ = c/(2 √(k m))
+    and ω² = k/m, e = exp(-ζ/√(1-ζ²) acos ζ), and the contact lasts (acos ζ/√(1-ζ²) + π/2)/ω.
     Raises SettingError for an e of exp(-0.99) = 0.372 or less, and for one above 1.
     """
     e, _ = minimax_constant(target)
 
     def way_in(zeta: float) -> float:
+        """Duration of the way in times ω."""
         return math.acos(zeta) / math.sqrt(1.0 - zeta**2)
 
     if not math.exp(-0.99) < e <= 1.0:
@@ -313,8 +318,8 @@ def one_way_spring_damper(target: Target, duration: float, instead: str) -> tupl
 
 
 def require_end(target: Target) -> None:
-    """Raise SettingError for a step so short that an evaluation would not end: STEPS_MOST in a
-    contact.
+    """Raise SettingError for a time step so short that an evaluation would not end: with more than
+    STEPS_MOST steps in the law's shortest contact.
     """
     steps = steps_per_contact(target)
     if steps > STEPS_MOST:
@@ -331,9 +336,11 @@ def steps_per_contact(target: Target) -> float:
 
 
 def resolvable_law(target: Target, softened_steps: float = STEPS_OF_A_SOFTENED) -> HuntCrossley:
-    """Law of the target, softened if its shortest contact lasts less than STEPS_OF_A_LOOP steps.
+    """Law of the target, with a lower stiffness if its shortest contact over the band lasts less
+    than STEPS_OF_A_LOOP time steps.
 
-    A softened contact lasts `softened_steps` time steps at the speed at which it is shortest.
+    A softened contact lasts `softened_steps` time steps at the speed at which it is shortest: the
+    duration goes as k to the power -1/(n + 1).
     """
     ends = np.array([target.speed_min, target.speed_max])
     steps = float(closed_form.duration(target.law, target.mass, ends).min()) / target.timestep

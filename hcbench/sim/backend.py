@@ -89,8 +89,8 @@ class Backend:
         return f"{self.package} {version} was never tried with hcbench; {tried} was"
 
     def explained_errors(self) -> AbstractContextManager[None]:
-        """Turn errors that an untested version raises inside the block into EngineFailed, in one
-        line.
+        """Context in which errors of a package in an untested version become EngineFailed, in one
+        line, with the advice to install a tested version.
 
         Errors of a tested version pass unchanged: they are hcbench's own faults. Raises
         EngineMissing, before the block, where the package is not installed.

@@ -173,10 +173,11 @@ class OpensModels(Engine):
     def open(
         self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
     ) -> ModelUnderTest:
-        """A user's own model, opened with its pair at touch; the caller closes it.
+        """Open a user's own model with the request's pair at touch; the caller closes it.
 
-        source: a path, several paths, or an object or text of which the engine's `accepts` knows.
-        rebuild: makes `source` again, where a function of the user's made it.
+        source: a path, several paths, text or an object that the engine's `accepts` takes.
+        request: the pair, its pose, and the conditions of the launches.
+        rebuild: makes `source` again, where a function of the user's made it; else None.
 
         Raises UserError with the reason where the pair cannot be measured, EngineMissing where the
         engine is not installed.
@@ -214,10 +215,11 @@ class RandomizesContacts(OpensModels):
         requests: Sequence[Request],
         rebuild: Callable[[], Any] | None = None,
     ) -> Iterable[ContactFamily]:
-        """Families of contacts for pairs of a user's own model; first those whose e depends least
-        on where in a step a contact starts.
+        """Families of contacts that pairs of a user's own model can have in many worlds; first those
+        whose e depends least on where in a step a contact starts.
 
-        source, rebuild: as in `open`. requests: one a pair.
+        source: a path, several paths, text or an object. rebuild: makes `source` again, or None.
+        requests: one a pair.
         """
 
 
@@ -272,12 +274,13 @@ class TunesModels(OpensModels):
         version: tuple[int, ...] = (),
     ) -> Iterable[ModelSetting]:
         """Settings for pairs in a user's own model, each meant to have the e of `goal` there;
-        simplest first.
+        simplest first, each found when it is asked for.
 
-        source, rebuild: as in `open`.
-        requests: alike but for pairs and attitudes; their speeds span the band.
+        source: a path, several paths, text or an object. rebuild: makes `source` again, or None.
+        requests: alike but for pairs and attitudes; their speeds, m/s, span the band.
         was: the model at rest as it is.
-        version: of the engine that has to load what is written; () for the installed one.
+        version: numbers of the engine's version that has to load what is written, such as (3, 5);
+        () for the installed one.
         """
 
     def attitudes(self, source: Any, request: Request) -> list[tuple[str, Request]]:
@@ -299,17 +302,20 @@ class TunesModels(OpensModels):
     ) -> DropTest:
         """Drop the robot of which the pairs are feet, and judge how it lands.
 
-        like: a test to compare with, of equal length; None for one as long as the robot stands.
-        Raises UserError where the pairs are not of a robot that can fall.
+        like: a test whose length this one takes, to be compared with it; None for a length that
+        lets the robot come to rest. Raises UserError where the pairs are not of a robot that can
+        fall, and for an engine that judges no landings.
         """
         raise UserError("engine", self.title, "an engine in which hcbench judges landings")
 
     def rebound_settings(
         self, source: Any, requests: Sequence[Request], before: DropTest, rebound: float
     ) -> ReboundSettings:
-        """Settings of a robot's feet for a rebound of its centre of mass, m.
+        """Settings of a robot's feet with which its centre of mass rebounds by so much, m, from the
+        highest drop; each is found when it is asked for.
 
-        before: the landing as it is. Raises UserError as `landing` does.
+        before: the landing of the model as it is. Raises UserError where the pairs are not of a
+        robot that can fall, and for an engine that judges no landings.
         """
         raise UserError("engine", self.title, "an engine in which hcbench judges landings")
 
@@ -325,10 +331,11 @@ class LandsRobots(OpensModels):
         drops: DropPlan,
         rebuild: Callable[[], Any] | None = None,
     ) -> Landings:
-        """A robot in the pose of the request, dropped: a landing for each drop of the plan.
+        """Drop the robot of a model, in the pose of the request: a landing for each height at each
+        tilt of the plan.
 
-        source, rebuild: as in `open`.
-        Raises UserError where nothing can fall or be met.
+        source: a path, several paths, text or an object. rebuild: makes `source` again, or None.
+        Raises UserError where nothing can fall, or nothing is there to land on.
         """
 
     @abstractmethod

@@ -45,9 +45,7 @@ class Columns(Sequence[One]):
         return self.take(index) if isinstance(index, slice) else next(iter(self.take([index])))
 
     def take(self, which: Any) -> Self:
-        """The rows that an index array, a mask or a slice names, in its order; as many columns as
-        before.
-        """
+        """A copy with some of the rows, in the order of `which`: an index array, a mask or a slice."""
         taken = []
         for column in self._values():
             if isinstance(column, Columns):
@@ -99,13 +97,16 @@ class Launches(Columns[Launch]):
             height = math.nan
             if launch.height is not None:
                 height = launch.height
+            # In the order of `of_table`.
             rows.append((launch.speed, launch.phase, height, *launch.slip, *launch.spin))
         return cls.of_table(np.array(rows, dtype=np.float64).reshape(-1, 8))
 
     @classmethod
     def of_table(cls, table: Floats) -> Launches:
-        """Launches from a table, shape (n, 8): speed, phase, height, slip 2, spin 3. Their columns
-        are views of it.
+        """Launches from a table, (n, 8), of which their columns are views.
+
+        table: of each launch speed, m/s; phase, 0 to 1; height, m, NaN for none; slip, m/s (2
+        columns); spin, rad/s (3 columns).
         """
         return cls(
             speed=table[:, 0],
@@ -129,12 +130,12 @@ class Launches(Columns[Launch]):
     ) -> Launches:
         """Launches that touch at these speeds and phases under gravity, started a few steps before.
 
-        speed, phase, slip: (n,), m/s, parts of a step, m/s; the slip along the way of the bodies.
-        timestep: s.
-        gravity: m/s², into the plate; without it the launches start at these speeds, at no height.
-        spin: (3,), rad/s.
-        steps_most: of free fall before the touch.
-        share: of g h, where steps h keep (v + share g h)² + 2 g z in free flight.
+        speed: at touch, m/s, (n,). phase: where in a step they touch, 0 to 1, (n,). slip: along the
+        bodies' way on the plate, m/s, (n,). spin: of all, rad/s, (3,).
+        timestep: h, s. gravity: g, m/s², into the plate; for 0 the launches start at these speeds,
+        without a height. steps_most: steps of free fall before the touch, at most.
+        share: by which the integrator's free flight at height z keeps (v + share g h)² + 2 g z: 1/2
+        for semi-implicit Euler, 0 for exact flight.
         """
         count = len(speed)
         spins = np.tile(np.array(spin, dtype=np.float64), (count, 1))
@@ -145,12 +146,12 @@ class Launches(Columns[Launch]):
                 speed=speed, phase=phase, height=np.full(count, np.nan), slip=slips, spin=spins
             )
         gain = gravity * timestep  # m/s a step
+        # Whole steps of flight before that of the touch: as many as need no throw upwards.
         steps = np.minimum(steps_most, np.floor(speed / gain - share - phase))
-        # Launched so many steps before the touch.
-        flight = timestep * (steps + phase)
+        flight = timestep * (steps + phase)  # s
         start = np.maximum(0.0, speed - gain * (steps + phase + share))
         height = flight * (speed - 0.5 * gravity * flight)
-        # So slow that it falls from rest within the first step.
+        # So slow that no whole step fits: it falls from rest, from the height that gives its speed.
         falls = steps < 0
         fallen = np.maximum(0.0, speed * speed - (share * gain) * (share * gain))
         start = np.where(falls, 0.0, start)
@@ -193,14 +194,15 @@ class Launches(Columns[Launch]):
         return np.asarray(np.sqrt(np.maximum(0.0, self.speed * self.speed + gained)))
 
     def flight_time(self, timestep: float, gravity: float) -> Floats:
-        """Flight time of each launch to its touch, as `Launch.flight_time`, s, shape (n,).
+        """Time from release to touch of each launch, s, (n,).
 
-        inf for one that never arrives, at no speed and without gravity. timestep: s. gravity: m/s².
+        inf for one that never arrives, without speed and gravity. timestep: s. gravity: m/s².
         """
         clearance = self.clearance(timestep)
-        both = self.speed + self.touch_speed(timestep, gravity)
+        # Under constant gravity the mean speed is half the sum of those at both ends.
+        sum_of_speeds = self.speed + self.touch_speed(timestep, gravity)
         times = np.full(len(self), np.inf)
-        np.divide(2.0 * clearance, both, out=times, where=both > 0.0)
+        np.divide(2.0 * clearance, sum_of_speeds, out=times, where=sum_of_speeds > 0.0)
         times[clearance <= 0.0] = 0.0
         return times
 
@@ -210,9 +212,10 @@ def _launches_of(table: bytes) -> Launches:
 
 
 def _listed(column: NDArray[Any]) -> list[Any]:
-    """A column's values, with NaN as one object.
+    """A column's values as a list, each NaN being the one object `np.nan`.
 
-    `Impact` has that object too, so that impacts with equal numbers are equal.
+    Python holds tuples with the same NaN object to be equal; so impacts with equal numbers are
+    equal, too.
     """
     values: list[Any] = column.tolist()
     if column.dtype == np.float64 and np.isnan(column).any():
@@ -261,7 +264,10 @@ class Impacts(Columns[Impact]):
 
     @classmethod
     def of(cls, impacts: Sequence[Impact]) -> Impacts:
-        """The columns of impacts; the impacts themselves where they are columns already."""
+        """The columns of impacts; the impacts themselves where they are columns already.
+
+        A single impact has its own loop, so that is its `source`, with row and start 0.
+        """
         if isinstance(impacts, Impacts):
             return impacts
         columns: dict[str, Any] = {
@@ -274,7 +280,6 @@ class Impacts(Columns[Impact]):
             if field.name in columns:
                 continue
             kind = {"Floats": np.float64, "Whole": np.int64}.get(str(field.type), np.object_)
-            # The loops of single impacts are their own source.
             name = field.name
             if name == "source":
                 name = "loop"

@@ -118,11 +118,12 @@ def convert(
 def _of_material(
     known: MaterialPair, speed: Quantity | None
 ) -> tuple[float | None, float | None, float | None]:
-    """(α, s/m, None, speed) or (None, e at the speed, speed) of a material; speeds are m/s.
+    """Numbers of a material to convert: (α, s/m, None, speed), or (None, e at the speed, speed) of
+    a material without an α; the speed is in m/s, None if unknown and not needed.
 
-    speed: as the user gave it, or None: then that of the source, which an α does not need.
-    Warns of a speed outside the material's range. QuantityError for text that is not a speed,
-    UserError for a material without an α where neither the user nor the source states a speed.
+    speed: as the user gave it, or None: then e is taken at a speed of the source, the middle one.
+    Warns of a speed outside the material's range. Raises QuantityError for text that is not a
+    speed, UserError for a material without an α where neither the user nor the source states one.
     """
     v = None if speed is None else units.parse(speed, "speed", "speed", above=0.0)
     if v is None and known.speeds is not None and known.target.alpha is None:

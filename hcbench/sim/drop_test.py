@@ -50,12 +50,13 @@ class DropBench(ABC):
         """Drop the robot with the contacts that it has now. seconds: of each drop."""
 
     def whole_test(self, like: DropTest | None) -> DropTest:
-        """Every drop, as long as those of `like`; None: as long as a robot that stands takes to rest,
-        or as one that falls over takes to touch.
+        """Make every drop: for as long as `like` took, to be compared with it; for None, for as long
+        as a standing robot takes to rest, or only until the touch if it falls over.
         """
         if like is not None:
             return self.test(like.seconds)
-        # A robot that falls over lies by chance: only its touch can be compared.
+        # Where a robot lies that fell over is chance: only its touch can be compared. One drop
+        # shows most robots that fall, and saves the others.
         if self.test(SECONDS, DROPS[-1:]).fell:
             return self.test(SECONDS_TO_FALL)
         test = self.test(SECONDS)
@@ -93,10 +94,10 @@ class DroppedRobot:
     height: float
 
     def landed(self, motion: DropMotion, height: float) -> Landed | None:
-        """The quantities of the landing that a motion shows; None where the robot flies off or never
-        touches the floor, or where a number is not finite.
+        """The quantities of the landing that a motion shows, SI; None where the robot flies off or
+        never touches the floor, or where a number is not finite.
 
-        height: of the lowest point at release, m.
+        height: of the lowest point over the floor at release, m.
         """
         if not _is_finite(motion):
             return None
@@ -130,14 +131,16 @@ class DroppedRobot:
         """The end of a drop: how the robot came to rest after the touch, and lies in the last
         TAIL_S seconds.
 
-        touch: number of the first step in which the floor pushes. flights: see `_flights`. Unknown,
-        with NaN, for a drop that ends before LATE_S + TAIL_S.
+        touch: index of the first step in which the floor pushes. flights: (first step, step after
+        the last) of each flight after the touch. All is NaN for a drop that does not last longer
+        than LATE_S + TAIL_S.
         """
         h = self.timestep
         count = len(motion.force)
         if not count * h > LATE_S + TAIL_S:
             return _Settling()
         tail = slice(max(touch, count - round(TAIL_S / h)), count)
+        # The centre of mass, split into its height and its place along the floor, m.
         height = motion.centre @ self.up
         place = motion.centre - np.outer(height, self.up)
         velocity = motion.velocity[tail]
@@ -189,14 +192,16 @@ def _is_finite(motion: DropMotion) -> bool:
 
 
 def _flights(pushes: NDArray[np.bool_], touch: int, timestep: float) -> list[tuple[int, int]]:
-    """(first step, step after the last) of each flight after the touch that is longer than chatter.
+    """(first step, step after the last) of each flight after the touch that is longer than chatter:
+    PARTED_S or more without a force.
 
-    pushes: of each step, whether the floor pushes, (n,). touch: number of the first that does.
+    pushes: of each step, whether the floor pushes, (n,). touch: index of the first that does.
     timestep: s.
     """
-    off = ~pushes
-    off[:touch] = False
-    edges = np.diff(np.concatenate([[0], off.astype(int), [0]]))
+    is_flying = ~pushes
+    is_flying[:touch] = False
+    # 1 where a flight begins, -1 at the step after its last.
+    edges = np.diff(np.concatenate([[0], is_flying.astype(int), [0]]))
     starts = np.flatnonzero(edges == 1)
     ends = np.flatnonzero(edges == -1)
     lasting = (ends - starts) * timestep >= PARTED_S
@@ -204,10 +209,12 @@ def _flights(pushes: NDArray[np.bool_], touch: int, timestep: float) -> list[tup
 
 
 def _gain(energy: Floats, touch: int, flights: list[tuple[int, int]]) -> float:
-    """Most energy that a flight begins with beyond the least before it, J; 0 for none.
+    """Energy that the contact gave to the robot, J: the most with which a flight begins beyond the
+    least energy before; 0 if none begins with more.
 
-    energy: of each step, J, (n,). Before the first flight the least is the energy at the touch; a
-    flight that the contact throws up with more was given it by the contact.
+    energy: of each step, J, (n,). touch: index of the first step with a force. flights: (first
+    step, step after the last) of each. Before the first flight the least is the energy at the
+    touch, then also that at the end of each flight: in flight nothing adds energy.
     """
     least = float(energy[max(touch - 1, 0)])
     gain = 0.0

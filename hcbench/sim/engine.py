@@ -107,9 +107,10 @@ class Engine(ABC):
 
     @final
     def device_of(self, setting: Setting) -> str:
-        """Device that a setting names for an engine that reads impacts while stepping; "" for none.
+        """Device on which a setting asks the engine to compute, such as "gpu"; "" for none.
 
-        Such impacts have no loops. An engine without `devices` has none, whatever the setting says.
+        An engine with `devices` then reads impacts while it steps there, and they have no loops of
+        force; for an engine without `devices` it is "", whatever the setting says.
         Raises SettingError for a device that the engine does not have.
         """
         device = str(setting.options.get("device", "")) if self.devices else ""
@@ -123,8 +124,8 @@ class Engine(ABC):
     ) -> Trajectory:
         """Every step of `duration` s after release, however often the body bounces.
 
-        Raises EngineFailed where an engine knows single impacts only, SettingError and SceneError
-        as `impacts` does.
+        Raises EngineFailed where an engine knows single impacts only, SettingError for options that
+        it does not have or a step too coarse for them, SceneError for a scene that it cannot load.
         """
         raise EngineFailed(
             self.name, "knows single impacts only", "an engine that can go on after one"
@@ -160,13 +161,14 @@ class Engine(ABC):
         whole: bool = False,
         train: LongestTrain | None = None,
     ) -> Passivity:
-        """Test, for about a second, whether a setting ever adds energy, and how a body rests on it.
+        """Test, for about a second, whether a setting ever adds energy to a ball, and how the ball
+        rests on it.
 
-        speeds: the band, m/s.
-        whole: run the long test instead, with drops of half a minute.
+        speeds: the band, lowest and highest impact speed, m/s.
+        whole: run the long test instead, with drops of half a minute and with boxes.
         train: the longest train of bounces that the target allows after a drop; None: it must rest.
-        Boxes are not tried here, but by the long test: `with_boxes` does it where they matter.
-        Raises what `run` raises.
+        The short test has no boxes: `with_boxes` adds them where they matter. Raises what `run`
+        raises.
         """
         return passivity_of(self, scene, setting, speeds, whole, train)
 
@@ -197,10 +199,12 @@ class Engine(ABC):
 
     @final
     def run(self, scene: Scene, setting: Setting, launches: Sequence[Launch]) -> list[Impact]:
-        """Check the request, run it, and hand back one impact for each launch, in order.
+        """Run launches of a body onto the scene's plate with a setting's contact: one impact for
+        each launch, in order.
 
         Raises SettingError for launches without meaning, for oblique ones where the engine has
-        none, and as `run_columns` does.
+        none, and for a scene, setting or step without meaning or a setting of another engine; and
+        what the engine raises.
         """
         if not isinstance(launches, list | tuple):
             raise SettingError("launches", f"{launches!r:.80}", "a list of Launch")
@@ -212,8 +216,9 @@ class Engine(ABC):
     def run_columns(self, scene: Scene, setting: Setting, launches: Launches) -> Impacts:
         """Run launches by the thousand, without an object for each impact.
 
-        Raises SettingError for a scene, a setting or a step without meaning and for a setting of
-        another engine, and what `impacts` raises.
+        Raises SettingError for a scene, a setting or a step without meaning, for a setting of
+        another engine and for options that the engine does not have, SceneError for a scene that it
+        cannot load, EngineMissing, EngineFailed.
         """
         _require_types(scene, setting)
         if setting.engine != self.name:
@@ -273,9 +278,10 @@ def _require_types(scene: object, setting: object) -> None:
 
 
 def _require_launch(launch: Launch, engine: str, oblique: bool) -> None:
-    """Raise SettingError for a launch without meaning: one without speed has to have a height.
+    """Raise SettingError for what is not a Launch, for one without speed and height, which would
+    never touch, and for an oblique one in an engine that has none.
 
-    oblique: whether the engine has oblique launches; else one is refused.
+    engine: its name, for the error. oblique: whether it has oblique launches.
     """
     if not isinstance(launch, Launch):
         raise SettingError("launch", f"{launch!r:.200}", "a Launch")

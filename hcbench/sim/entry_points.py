@@ -71,7 +71,8 @@ def here(name: str) -> Engine:
     """The engine of this process under a name that may state a version, such as "myengine@1.2".
 
     Under a version it is a copy with that name and title; the version is not compared with what is
-    installed. Raises as `adapter`.
+    installed. Raises UserError for an unknown name, EngineFailed for an entry point that holds no
+    such engine.
     """
     own = adapter(base_name(name))
     if name == own.name:
@@ -93,10 +94,9 @@ def versioned_title(adapter: Engine, name: str) -> str:
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> UserError:
-    """The error for a name that is not registered, with the nearest name; it is returned, not
-    raised.
+    """The error to raise for a name that is not registered, with the nearest name.
 
-    kind: what the name is of, such as "engine".
+    kind: what the name is of, such as "engine". known: the names that are registered.
     """
     from difflib import get_close_matches
 

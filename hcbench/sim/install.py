@@ -93,8 +93,8 @@ def names() -> list[str]:
 
 
 def files_of(name: str) -> tuple[int, str]:
-    """(bytes, folder) of the package of an engine that is installed beside hcbench; (0, "") for
-    none.
+    """Size of the files, in bytes, and folder of an engine's package in this Python environment;
+    (0, "") for an engine without a package, or where that is not installed.
 
     Raises UserError for an unknown engine.
     """
@@ -121,25 +121,24 @@ def _backend(name: str) -> Backend:
 
 
 def requirements(name: str, backend: Backend, version: str) -> list[str]:
-    """Requirements of an engine's environment, lines for pip: the worker's, the adapter's, the
-    package.
+    """Requirements of an engine's environment as lines for pip: those of hcbench's worker, those of
+    the engine's adapter, and last the engine's package.
 
-    name: of the engine. version: of its package, which is the last line; "": any from the oldest
-    tried on.
+    name: of the engine. version: of its package; "" for any from the oldest tried on.
     """
     adapter = entry_points.entry_point(name).dist
     # An adapter that is in no package declares nothing.
     declared = (adapter and adapter.requires) or ()
     is_own = adapter is not None and adapter.name == "hcbench"
     lines = list(worker_requirements())
-    # Asked for with the extras of its own that the adapter goes with.
+    # The engine's package; the adapter may declare it with extras, such as "package[viewer]".
     asked = backend.package
     for line in declared:
         needed, _, marker = line.partition(";")
         needed = needed.strip()
         marker, of_extra = re.subn(rf"(and\s+)?extra\s*==\s*['\"]{name}['\"]", "", marker)
-        # What an adapter needs in any case counts for those of others:
-        # hcbench's own are the worker's.
+        # Needed: lines of the extra named as the engine, and those without an extra; but hcbench's
+        # own without an extra are among the worker's already.
         is_needed = of_extra or not (is_own or "extra" in marker)
         package = re.split(r"[^\w.-]", needed, maxsplit=1)[0]
         if package == "hcbench" or not is_needed:
@@ -174,12 +173,13 @@ def _try(made: Environment) -> None:
 
 
 def _failed_bounce(name: str) -> str:
-    """Bounce a ball with each recipe; return the first failure as text, or "" if all recipes work.
+    """Bounce a ball with each recipe of an engine; return the first failure as text, or "" if all
+    recipes work.
 
-    name: of the engine, which is that of this process.
+    name: of the engine, in the version that is installed in this process.
     All recipes are tried because a version may lack a feature that only some of them use. A refusal
     by hcbench, such as a step too long for a recipe or a plug-in without a compiler, does not
-    count. Raises EngineFailed, and what an engine that hcbench does not know raises.
+    count. Raises EngineFailed, and whatever else the engine raises.
     """
     scene = load_scene("steel-plane")
     law = HuntCrossley(scene.stiffness, 0.3, scene.exponent)

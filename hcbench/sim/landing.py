@@ -189,6 +189,11 @@ class FootfallLog:
     def __init__(
         self, touch: float, speed: float, slide: float, *, by_impulses: bool = False
     ) -> None:
+        """Begin with the first touch of a part.
+
+        touch: time, s. speed, slide: then, towards the floor and along it, m/s. by_impulses: a
+        plug-in's law turns the part back by impulses, which have no force.
+        """
         self.touch = touch
         self.speed = speed
         self.slide = slide
@@ -197,17 +202,16 @@ class FootfallLog:
         self.slip = 0.0
         self.penetration = 0.0
         self.force_max = math.nan if by_impulses else 0.0
+        # End of the last step in which the floor pushed, s.
         self._last = touch
 
     def add(self, time: float, step: float, force: float, slide: float, depth: float) -> None:
         """Add one step in which the floor pushed.
 
-        time: of its start, s.
-        step: s.
-        force: N.
-        slide: speed along the floor, m/s.
-        depth: m.
+        time: of the step's start, s. step: its length, s. force: along the normal, N.
+        slide: speed along the floor, m/s. depth: penetration, m.
         """
+        # A shorter gap is chatter, not a bounce.
         if time - self._last > PARTED_S:
             self.bounces += 1
         if not self.bounces:
@@ -250,18 +254,21 @@ def over_phases(landing_at: Callable[[float], Landing]) -> Landing:
 
 
 def take_off_speed(force: Floats, rising: Floats, step: float) -> float:
-    """The largest upward speed with which the whole robot leaves the
-    floor, m/s; 0 where it never does.
+    """The largest upward speed with which the whole robot leaves the floor for PARTED_S or longer,
+    m/s; 0 where it never does.
 
-    force, N, rising: speed of the centre of mass, m/s, at the start of each
-    step from the first touch on.
+    force: of the floor, N, (n,). rising: upward speed of the centre of mass, m/s, (n,). Both are at
+    the start of each step from the first touch on. step: s.
     """
-    off = np.append(force <= 0.0, True)
-    starts = np.flatnonzero(off[1:] & ~off[:-1]) + 1
+    # True in steps in which the robot is off the floor, and after the last one.
+    is_off = np.append(force <= 0.0, True)
+    starts = np.flatnonzero(is_off[1:] & ~is_off[:-1]) + 1
     fastest = 0.0
+    # Steps off the floor that are more than chatter.
     least = max(1, round(PARTED_S / step))
     for start in starts.tolist():
-        if start < len(rising) and off[start : start + least].all() and len(off) - start > least:
+        stays_off = is_off[start : start + least].all() and len(is_off) - start > least
+        if start < len(rising) and stays_off:
             fastest = max(fastest, float(rising[start]))
     return fastest
 
@@ -517,9 +524,11 @@ class DropTest(LandingQuantities):
         return numbers
 
     def worse_than(self, before: DropTest, rebound: float = 0.0) -> Iterator[str]:
-        """Quantities that grew by more than the stated share and slack, in words.
+        """Yield a phrase for each quantity of the landing that is worse than before: that grew
+        beyond the share of what it was and beyond the slack, both as `QUANTITIES` states them.
 
-        rebound: the target, m.
+        before: the landing to compare with. rebound: the target, m; 0 for none: for a rebound some
+        quantities may grow more.
         """
         if self.diverged:
             yield "the simulation diverges"
@@ -528,7 +537,7 @@ class DropTest(LandingQuantities):
             was: float = getattr(before, each.name)
             now: float = getattr(self, each.name)
             share = each.rebound_share if rebound > 0.0 else each.share
-            # A NaN before is what was not measured.
+            # Without a number now a robot that came to rest no longer does; NaN in both tells nothing.
             is_lost = math.isnan(now) and not math.isnan(was)
             if is_lost or now > max(share * was, was + each.slack):
                 yield each.change(was, now)
@@ -583,9 +592,11 @@ class ReboundSettings:
 
 
 def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: float) -> DropTest:
-    """Join the landings from one or more drops; None for one that diverged. seconds: of the longest.
+    """Join the landings of one robot's drops to one test: the worst of each quantity, and the mean
+    rebound of the drops without tilt from the largest height.
 
-    The rebound is NaN without flat drops.
+    drops: one or more; None for a drop that diverged, which makes all numbers infinite. seconds: of
+    the longest. The rebound is NaN without drops that have no tilt.
     """
     landed = [each for each in drops.values() if each is not None]
     if len(landed) < len(drops):

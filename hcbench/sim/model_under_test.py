@@ -137,9 +137,10 @@ LISTS_PAIRS = "`hcbench measure` without --pair lists all"
 
 
 def choice_error(pairs: Sequence[CandidatePair]) -> UserError:
-    """The error for a request that names no pair, where the model leaves a choice, or none.
+    """The error to raise for a request that names no pair, in a model with several pairs that can
+    meet, or with none.
 
-    pairs: those that can meet, those that touch first. The error is returned, not raised.
+    pairs: those that can meet, those that touch first.
     """
     if not pairs:
         got = "none given, and no two parts of the model can meet"
@@ -290,8 +291,8 @@ class Facts:
 
     @property
     def more_than_contact(self) -> float:
-        """Sum of the absolute changes of the approach speed by all but the contact and gravity, over
-        that at touch; NaN where unknown.
+        """Changes of the approach speed during the contact by causes other than the contact and
+        gravity: the sum of their absolute values, over the speed at touch; NaN where unknown.
         """
         if not self.shares:
             return math.nan
@@ -420,23 +421,25 @@ _USUAL = (20.0, 2e4)
 
 
 def unit_notes(name: str, mass: float, shapes: float, around: float) -> list[str]:
-    """A sentence on a body whose density says that the model is in other units; empty where it is
-    plausible, or where the body has no mass or no size.
+    """A list of one sentence, if the density of a body shows that the model is not in metres and
+    kilograms; empty where the density is plausible, or the body has no mass or no size.
 
     name: of the body. mass: of all that hangs on it, kg. shapes: volume of the boxes about each of
     its shapes, m³; around: of the box about all of them and their frames, m³.
     """
     if not (mass > 0.0 and shapes > 0.0 and around > 0.0):
         return []
-    light = mass / shapes
-    heavy = mass / around
-    if light < _LIGHTEST:
+    # The box about all is larger than what fills it: it can only show a body too heavy.
+    density = mass / shapes
+    least_density = mass / around
+    if density < _LIGHTEST:
         units = "millimetres"
-        if _is_usual(1e6 * light):
+        # Centimetres for metres make a density 1e6 times too small.
+        if _is_usual(1e6 * density):
             units = "centimetres, or in millimetres and grams"
-        return [_sentence(name, light, units)]
-    if heavy > _HEAVIEST:
-        return [_sentence(name, heavy, "grams")]
+        return [_sentence(name, density, units)]
+    if least_density > _HEAVIEST:
+        return [_sentence(name, least_density, "grams")]
     return []
 
 

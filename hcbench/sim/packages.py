@@ -30,13 +30,13 @@ def find_part(
     request: str,
     likely: Callable[[], Sequence[str]] = tuple,
 ) -> tuple[str, Id]:
-    """(kind, id) of the part that a user names.
+    """Find the part of a model that a user names: its kind and id.
 
     parts: (kind, name, id) of each, such as ("geom", "plate", 0). Of several with the same name the
     first is meant.
-    request: a name, or "KIND:NAME" or "KIND:ID" to say which; a name goes before these.
-    likely: names that are meant rather than others, for the error; asked for only then.
-    Raises UserError with the names there are.
+    request: a name, or "KIND:NAME" or "KIND:ID" to say which; a part with just this name goes first.
+    likely: gives names that users mean rather than others; called for an error alone.
+    Raises UserError, with the names that there are, for one that no part has.
     """
     by_id: dict[str, tuple[str, Id]] = {}
     by_kind: dict[str, tuple[str, Id]] = {}

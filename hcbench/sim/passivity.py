@@ -85,18 +85,18 @@ class LongestTrain:
         return np.asarray(e + np.minimum(self.error, (1.0 - e) / 2.0))
 
     def rebounds_after(self, heights: Sequence[float], gravity: float, seconds: float) -> Floats:
-        """Speeds, m/s, of the bounces under way `seconds` after drops from `heights`, m; 0 where
-        they ended.
+        """Speeds with which bodies still bounce `seconds` after they were dropped, if each impact
+        has the largest e that is allowed: m/s, one for each height; 0 where the bouncing ended.
 
-        gravity: m/s², above 0. The result has the shape of `heights`.
+        heights: of the drops, m. gravity: m/s², above 0.
         """
         speed = np.sqrt(2.0 * gravity * np.asarray(heights, dtype=np.float64))
         # A train has thousands of bounces: e from a table takes a tenth of
         # the time of the law's series.
         speeds = np.geomspace(min(_SLOWEST, speed.min()), speed.max(), _TABLE)
         restitutions = self.restitution(speeds)
-        next_touch = speed / gravity
-        # Places, speeds and next touches of the drops that still bounce.
+        next_touch = speed / gravity  # s
+        # Of the drops that touch again in time: indices, speeds and times of the next touch.
         going = np.flatnonzero(next_touch <= seconds)
         bouncing = speed[going]
         touch = next_touch[going]
@@ -104,10 +104,10 @@ class LongestTrain:
             bouncing *= np.interp(bouncing, speeds, restitutions)
             bouncing[bouncing < _SLOWEST] = 0.0
             touch += 2.0 * bouncing / gravity
-            on = (touch <= seconds) & (bouncing > 0.0)
-            if not on.all():
+            goes_on = (touch <= seconds) & (bouncing > 0.0)
+            if not goes_on.all():
                 speed[going] = bouncing
-                going, bouncing, touch = going[on], bouncing[on], touch[on]
+                going, bouncing, touch = going[goes_on], bouncing[goes_on], touch[goes_on]
         return speed
 
 
@@ -132,7 +132,7 @@ class Bounces:
         return self.max_e <= MOST_E and not self.still_bouncing
 
     def joined(self, other: Bounces) -> Bounces:
-        """The results of both sets of launches together: the larger extremes, and sums of counts."""
+        """Join the results of two sets of launches: the larger extremes, and the sums of counts."""
         return Bounces(
             max(self.max_e, other.max_e),
             max(self.gains_below, other.gains_below),
@@ -270,15 +270,17 @@ class DropReader:
         The first call says how many drops there are. An impact is judged in the step in which its
         body parts; a chunk may end within it.
         """
-        here = np.stack([penetration, rate])
+        chunk = np.stack([penetration, rate])
         if self._last is None:
-            self._last = here[..., :1]
+            self._last = chunk[..., :1]
             count = len(penetration)
             self._speed_in = np.full(count, np.nan)
             self._speed_out = np.zeros(count)
             self._parted = np.full(count, -math.inf)
-        x, v = np.concatenate([self._last, here], axis=2)
-        self._last = here[..., -1:]
+        # With the last step of the chunk before, in case the body touches or parts just between.
+        x, v = np.concatenate([self._last, chunk], axis=2)
+        self._last = chunk[..., -1:]
+        # Speed at the touch plane, by the energy that the integrator keeps in free flight.
         half = self.reading.share * self.gravity * self.timestep
         kept = np.sqrt(np.maximum(0.0, (v + half) ** 2 - 2.0 * self.gravity * x))
         apart = x <= 0.0
@@ -293,7 +295,10 @@ class DropReader:
         self._steps += penetration.shape[1]
 
     def _judge(self, speed_in: float, speed_out: float) -> None:
-        """Take in one bounce, speeds in m/s; one without a speed in does not count, nor one of NaN."""
+        """Update the largest e, and the fastest impact that gained energy, by one bounce.
+
+        speed_in, speed_out: m/s. A bounce whose speed in is 0 or NaN does not count.
+        """
         if not speed_in > 0.0:
             return
         e = float(speed_out / speed_in)
@@ -312,10 +317,11 @@ class DropReader:
 def allowed_rebounds(
     train: LongestTrain | None, heights: Sequence[float], gravity: float
 ) -> Floats:
-    """Rebound speeds, m/s, that are allowed in the last second of drops of LASTS, one for each
-    height.
+    """Speeds with which bodies may still bounce in the last _STILL seconds of drops that last LASTS:
+    m/s, one for each height.
 
-    heights: m. gravity: m/s², above 0. Without a train all are 0: the body has to rest.
+    train: the longest train of bounces that the target allows; None: all speeds are 0, as the body
+    has to rest. heights: m. gravity: m/s², above 0.
     """
     if train is None:
         return np.zeros(len(heights))
@@ -330,12 +336,14 @@ def passivity_of(
     whole: bool,
     train: LongestTrain | None = None,
 ) -> Passivity:
-    """Test a setting for energy by impacts below and above a band; whole: by drops, too.
+    """Test whether a setting adds energy, by impacts below and above a band of speeds, and, if
+    `whole`, by drops as well.
 
-    speeds: the band, m/s.
+    speeds: the band, lowest and highest, m/s.
     train: the longest train of bounces that its target allows; None for a setting that must rest in
-    LASTS.
-    An engine without time steps has no drops. Raises what `Engine.run` raises.
+    LASTS seconds.
+    An engine without time steps has no drops. Raises SettingError for a setting that the engine
+    cannot have, SceneError for a scene that it cannot load, EngineMissing, EngineFailed.
     """
     low, high = speeds
     # An engine in an environment of its own answers by its adapter.
@@ -380,10 +388,14 @@ def drops_in(
     heights: Sequence[float] = HEIGHTS,
     train: LongestTrain | None = None,
 ) -> Bounces:
-    """Drops of LASTS in an engine, by its own steps, under the scene's gravity or the standard one.
+    """Drop the scene's body in an engine from each height, m, simulate it for LASTS s by the engine's
+    own steps, and read how it bounces.
 
-    heights: m. train: as of `passivity_of`.
-    Raises what `load` raises, and the error of a worker process that died or hung.
+    The scene's gravity acts, or the standard one where it has none.
+
+    train: the longest train of bounces that the setting's target allows; None: it must rest.
+    Raises SettingError for a setting that the engine cannot have, SceneError for a scene that it
+    cannot load, EngineMissing, EngineFailed for a worker process that died or hung.
     """
     with_gravity = replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
     if not engine.own_process:
@@ -396,10 +408,11 @@ def drops_in(
 def _drops_here(
     name: str, scene: Scene, setting: Setting, heights: Sequence[float], train: LongestTrain | None
 ) -> Bounces:
-    """The drops of `drops_in` in this process.
+    """Drop the scene's body in an engine from each height, simulate it for LASTS s in this process,
+    and read how it bounces.
 
-    name: of the engine.
-    heights: m, the highest last.
+    name: of the engine. heights: m, the highest last. train: the longest train of bounces that the
+    setting's target allows; None: it must rest.
     """
     engine: SteppedEngine = here(name)  # type: ignore[assignment]
     launches = [Launch(0.0, height=height) for height in heights]

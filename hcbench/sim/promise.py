@@ -85,9 +85,8 @@ class Promise:
 
     @classmethod
     def read(cls, text: str) -> Promise | None:
-        """Read a promise from such a text as `text` gives; None for any other text.
-
-        So is a text of that form with numbers that no promise has, such as an e of 2.
+        """Read a promise from a text such as the property `text` gives; None for any other text, and
+        for one of that form with numbers that no promise has, such as an e of 2.
         """
         match = _TEXT.fullmatch(text)
         if match is None:
@@ -99,7 +98,10 @@ class Promise:
 
     @classmethod
     def _of(cls, match: re.Match[str]) -> Promise:
-        """The promise of a text. Raises ValueError and SettingError for numbers without meaning."""
+        """The promise whose numbers a match of `_TEXT` has as text; NaN or 0 for those left out.
+
+        Raises ValueError and SettingError for numbers without meaning.
+        """
         value = float(match["value"])
         goal: RestitutionCurve
         if match["goal"] == "restitution":
@@ -128,8 +130,8 @@ class Promise:
         return abs(gravity - self.gravity) > _SAME_GRAVITY * max(self.gravity, 1.0)
 
     def measured(self, impacts: Sequence[Impact]) -> float:
-        """The largest error of e over the band, 0.1 % wider at both ends; 0 where no impact lies in
-        it.
+        """The largest |e - promised e| of impacts in the band of the promise, widened by 0.1 % at
+        both ends for round-off; 0 where no impact with an e lies in it.
         """
         low, high = self.speeds
         largest = 0.0

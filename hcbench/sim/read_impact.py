@@ -105,25 +105,30 @@ class SpeedReading(StrEnum):
         (x_in, v_in), (x_out, v_out) = before, after
         if gravity == 0.0:
             return v_in, -v_out
-        lack = self.share * fall
+        # What the kept energy adds to a state's rate, m/s: half of g h for semi-implicit Euler.
+        added = self.share * fall
 
         def at_plane(x: Floats, v: Floats) -> Floats:
+            """Speed at x = 0 with the energy of a state, m/s."""
             with np.errstate(invalid="ignore"):
-                return np.asarray(np.sqrt(np.maximum(0.0, (v + lack) ** 2 - 2.0 * gravity * x)))
+                return np.asarray(np.sqrt(np.maximum(0.0, (v + added) ** 2 - 2.0 * gravity * x)))
 
         return at_plane(x_in, v_in), at_plane(x_out, v_out)
 
 
 def _crossing_speed(x: Floats, at: NDArray[np.int64], h: float) -> Floats:
-    """Speed, m/s, shape (b,), at which penetrations pass 0 near a step.
+    """Speed at which each path crosses the touch plane (x = 0) near a step, m/s, (b,): that of the
+    parabola through the state at this step and the ones before and after it.
 
-    x: penetration, m, shape (b, n). at: the step, (b,). h: s.
-    It is that of the parabola through this state and the ones before and after it. No contact force
-    may act between the three.
+    x: penetration, m, (b, n). at: index of the step, (b,). h: time step, s. No contact force may
+    act between the three states.
     """
     launch = np.arange(len(x))
     middle = np.clip(at, 1, max(1, x.shape[1] - 2))
-    before, here, after = (x[launch, np.minimum(middle + i, x.shape[1] - 1)] for i in (-1, 0, 1))
+    before = x[launch, middle - 1]
+    here = x[launch, np.minimum(middle, x.shape[1] - 1)]
+    after = x[launch, np.minimum(middle + 1, x.shape[1] - 1)]
+    # v² = v_here² - 2 a x_here, with the central differences of the parabola, all times h².
     with np.errstate(all="ignore"):
         squared = (0.5 * (after - before)) ** 2 - 2.0 * (after - 2.0 * here + before) * here
         return np.asarray(np.sqrt(np.maximum(0.0, squared)) / h)
@@ -139,15 +144,17 @@ def _early_crossing_speed(states: Floats, h: float) -> Floats:
         return np.asarray(states[1, :, 0])
     (x, x_next), (v, v_next) = states.transpose(0, 2, 1)
     a = (v_next - v) / h
+    # In the middle of the step the parabola has the mean speed, and this penetration.
     mean = (x_next - x) / h
     middle = 0.5 * (x + x_next) - a * h * h / 8.0
     return np.asarray(np.sqrt(np.maximum(0.0, mean * mean - 2.0 * a * middle)))
 
 
 def impact_of(launch: Launch, trajectory: Trajectory) -> Impact:
-    """Read one impact off a trajectory without gravity, in even steps; `impacts_of` says how.
+    """Read the impact of one launch off its trajectory, without gravity and in even steps.
 
-    A path that ends in contact gives UNFINISHED, and one without a contact force NO_TOUCH.
+    A path that ends in contact gives an impact with the status UNFINISHED, and one without a
+    contact force NO_TOUCH; nothing is raised.
     """
     time = trajectory.time
     states = np.stack([trajectory.penetration, trajectory.rate, trajectory.force])[:, None]
@@ -238,8 +245,8 @@ class EndedContacts:
         diverged: str,
         record: Recorded | None = None,
     ) -> Impacts:
-        """The impacts, one for each launch; NaN in what was not measured, with the status and the
-        reason.
+        """Make the impacts of the contacts, one for each launch; NaN in what was not measured, with
+        the status and the reason.
 
         launches: in the order of the contacts.
         speeds: in, out and, where it is another, after the force, m/s; that out of a rested launch
@@ -260,6 +267,8 @@ class EndedContacts:
         _, rate_in = self.came
         _, rate_out = self.left
         still_closing = (ends == End.PARTED) & (rate_out > 0.0)
+        # Other forces moved the body: it did not approach as the contact began, or approaches
+        # though the contact is over.
         pushed = ~failed & (~(rate_in > 0.0) | still_closing)
         measured = ~(failed | pushed | (ends == End.UNFINISHED))
         reason = np.full(count, "", dtype=object)
@@ -308,8 +317,9 @@ def _crossing_speeds(
     """Speeds in, out and after the contact's last force, m/s, (b,) each, where the path crosses the
     plane.
 
-    states: penetration, rate and force, (3, b, n). h: the step, s.
-    last: the middle one of three free states after the contact, (b,).
+    states: penetration, m, rate, m/s, and force, N, (3, b, n). seen: where the contact of each
+    launch began and ended. h: the step, s. last: index of the middle one of three free states after
+    the contact, (b,).
     """
     x = states[0]
     is_deep = x > 0.0
@@ -328,12 +338,12 @@ def _crossing_speeds(
 def _contact(
     states: Floats, counts: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
-    """First step in which the force acts, the one after the last, deepest, m, and hardest, N; (b,)
-    each.
+    """Find where the force acts in each launch: the first step, the one after the last, the
+    largest penetration between them, m, and the largest force, N; (b,) each.
 
-    states: (3, b, n) of penetration, rate, force.
-    counts: (b,), steps that count. A launch without force gets 0, n, and the extremes of its whole
-    row: its `End` tells.
+    states: penetration (m), rate (m/s), force (N), (3, b, n). counts: steps that count, (b,).
+    A launch without force gets 0, n, and the extremes of its whole row: callers know it by its
+    `End`.
     """
     penetration, _, force = states
     launches, n = force.shape
@@ -431,12 +441,10 @@ WHOLE = ("flight_steps", "contact_steps", *Reading._fields[:8])
 
 
 def rule_for(launches: Launches, scene: Scene, timestep: float, bits: int, kind: type) -> Rule:
-    """Rule for launches of the ball of a scene, in arrays of type `kind`; `Rule` says what is in
-    it.
+    """Make the constants by which launches of a scene's ball end, as a `Rule` whose numbers and
+    arrays, (b,), are of the NumPy type `kind`.
 
-    timestep: s.
-    bits: of the engine's numbers, which round-off goes by.
-    kind: NumPy type of the reading.
+    timestep: s. bits: of the engine's numbers, 32 or 64: they decide what counts as round-off.
     """
     rule = StopRule.for_launches(launches, timestep, scene.normal_gravity, scene.touch_radius)
     made = Rule(
@@ -458,16 +466,34 @@ def rule_for(launches: Launches, scene: Scene, timestep: float, bits: int, kind:
 
 
 def begun(heights: Floats, rising: Floats, kind: type) -> Reading:
-    """The reading before the first step: nothing has touched or ended.
+    """The `Reading` of launches before their first step: nothing has touched or ended.
 
-    heights, m, rising, m/s: of the bodies as the engine has them, shape (b,).
+    heights, m, and rising, m/s: of the bodies' centres as the engine has them, (b,).
     kind: NumPy type of its floats.
     """
     none = np.full(len(heights), -1)
     zero = np.zeros(len(heights))
-    unknown = np.full(len(heights), np.nan)
-    floats = heights, rising, unknown, *[zero] * 7
-    return Reading(*_typed(Reading(zero, zero, *[none] * 6, *floats), kind))
+    made = Reading(
+        steps=zero,
+        end=zero,
+        touch=none,
+        last=none,
+        still=none,
+        idle=none,
+        held=none,
+        stuck=none,
+        height=heights,
+        rising=rising,
+        x_before=np.full(len(heights), np.nan),
+        x_in=zero,
+        v_in=zero,
+        x_out=zero,
+        v_out=zero,
+        sunk=zero,
+        deepest=zero,
+        hardest=zero,
+    )
+    return Reading(*_typed(made, kind))
 
 
 def _typed(numbers: Any, kind: type) -> list[Any]:
@@ -479,12 +505,13 @@ def _typed(numbers: Any, kind: type) -> list[Any]:
 
 
 def reader(xp: Any) -> Callable[..., tuple[Any, ...]]:
-    """The function that adds a step to a reading: (height, rising, *rule, *reading) -> the next
-    reading.
+    """Make the function that reads one step of all launches: (height, rising, *rule, *reading) ->
+    the fields of the next reading, in their order.
 
-    xp: an array library, as NumPy.
-    height, rising: of each body's centre after the step, m and m/s, (b,). The fields of `Rule` and
-    `Reading` follow in their order. The contact's force is what the step does to the momentum.
+    xp: the array library to compute with, NumPy or one that has its functions.
+    height, rising: of each body's centre after the step, m and m/s, (b,). The fields of `Rule`
+    (constants of when a launch ends) and `Reading` (what was seen of it so far) follow in their
+    order. The contact's force is what the step does to the momentum.
     """
     size = xp.abs
     where = xp.where
@@ -508,6 +535,7 @@ def reader(xp: Any) -> Callable[..., tuple[Any, ...]]:
         steps, end, touch, last, still, idle, held, stuck,
         height, rising, x_before, x_in, v_in, x_out, v_out, sunk, deepest, hardest,
     ):  # fmt: skip
+        # Penetration and rate before the step, and the speed that the contact took in it.
         x = (radius - height) + beyond
         v = -rising
         slowed = (rising_after - rising) + fall
@@ -520,6 +548,7 @@ def reader(xp: Any) -> Callable[..., tuple[Any, ...]]:
         touch = where(begins, steps, touch)
         touched = touch >= 0
 
+        # Each of four runs of quiet steps, any of which is rest, keeps the last step not quiet.
         still = where(both(touched, size(v) <= rest_speed), still, steps)
         idle = where(both(both(touched, f == 0.0), size(v) <= idle_speed), idle, steps)
         held = where(both(touched, size(v) <= held_speed), held, steps)
@@ -530,7 +559,7 @@ def reader(xp: Any) -> Callable[..., tuple[Any, ...]]:
         quiet = either(quiet, both(steps - stuck >= idle_steps, steps - stuck >= half))
         quiet = either(quiet, steps - still >= rest_steps)
 
-        # The weightiest reason last.
+        # Of several reasons to end the weightiest is set last.
         why = where(both(touched, steps - touch >= contact_steps), unfinished, 0)
         why = where(both(touch < 0, steps + 1 >= flight_steps), never, why)
         why = where(both(touch < 0, v < 0.0), turned, why)

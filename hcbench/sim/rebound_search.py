@@ -86,7 +86,11 @@ class ReboundSearch(ABC, Generic[Spring]):
     grid: SpringGrid
 
     def __init__(self, bench: DropBench, before: DropTest, target: float) -> None:
-        """Drop the model as it is by the short drops."""
+        """Begin the search, with short drops of the model as it is to compare with.
+
+        bench: drops the robot. before: its whole test as it is. target: rebound, m; 0 for none.
+        Short drops end _TOUCH_S after the touch.
+        """
         self.bench = bench
         self.before = before
         self.target = target
@@ -120,8 +124,10 @@ class ReboundSearch(ABC, Generic[Spring]):
         return ()
 
     def contacts(self) -> Iterator[Spring]:
-        """Contacts with the rebound in short drops, and with no worse first long drops, the most
-        promising first; each with its variants.
+        """Yield contacts whose rebound is the target in short drops and whose first long drops are
+        not worse than the model's, the most promising first; each with its variants.
+
+        The drops of a contact are made when it is asked for.
         """
         met = []
         for row in self._rows():
@@ -133,8 +139,9 @@ class ReboundSearch(ABC, Generic[Spring]):
                     yield varied
 
     def nearest_contacts(self) -> Iterator[Spring]:
-        """Contacts that are not worse in short drops and the first long ones: of each frequency the
-        one whose rebound is nearest to the target; the nearest first.
+        """Yield contacts that are not worse in short drops and in the first long ones, and whose
+        rebound is nearer to the target than the model's, the nearest first: of each frequency the
+        nearest, and those that are refined in damping and frequency.
         """
         frequencies = self._frequencies(self.grid.nearest_frequencies)
         nearest = self._nearest_of(frequencies)
@@ -146,8 +153,9 @@ class ReboundSearch(ABC, Generic[Spring]):
         yield from sorted(dict.fromkeys([*again, *refined, *nearest]), key=self._miss)
 
     def trading_contacts(self) -> Iterator[Spring]:
-        """Contacts that were tried whose rebound is nearer to the target than the model's, whatever
-        lands worse with them: in short drops the fewest quantities, then the nearest, first.
+        """Yield contacts that were tried whose rebound is nearer to the target than the model's,
+        even if something lands worse with them: first those that make the fewest quantities worse
+        in short drops, then the nearest.
         """
         miss = abs(self.before.rebound - self.target)
         tried = {one: test for one, test in self._tried.items() if not test.diverged}
@@ -160,9 +168,11 @@ class ReboundSearch(ABC, Generic[Spring]):
         yield from sorted(nearer, key=cost)
 
     def _nearest_of(self, frequencies: Sequence[float]) -> list[Spring]:
-        """The contacts of some frequencies that are nearest to the target, nearer than the model as it
-        is, and not worse in the drops of `nearest_contacts`, one a frequency, the nearest first; as
-        many as the grid says.
+        """Contacts, one of each frequency, whose rebound is nearest to the target, if it is nearer
+        than the model's and neither short drops nor first long ones are worse; the nearest first,
+        `grid.nearest` of them at most.
+
+        frequencies: w of the springs, rad/s.
         """
         own = abs(self._untuned.rebound - self.target)
         rows = (self._feasible(self._row(frequency)) for frequency in frequencies)
@@ -179,8 +189,8 @@ class ReboundSearch(ABC, Generic[Spring]):
         return abs(self._misses(contact))
 
     def _by_damping(self, contact: Spring) -> Spring:
-        """The contact with its damping moved towards the next of the grid, on the side of the
-        target, as far as the drops allow.
+        """The contact with its damping moved towards the grid's next one, on the side on which the
+        target lies, as far as it comes nearer and lands no worse: more damping, less rebound.
         """
         if self._misses(contact) > 0.0:
             beyond = min((one for one in self._dampings if one > contact.damping), default=None)
@@ -189,8 +199,11 @@ class ReboundSearch(ABC, Generic[Spring]):
         return contact if beyond is None else self._towards(contact, "damping", beyond)
 
     def _by_frequency(self, contact: Spring, frequencies: Sequence[float]) -> Spring:
-        """The contact with its frequency moved towards those before and after it in a rising list, as
-        far as the drops allow: softer springs throw a robot higher, and let it sink deeper.
+        """Move the frequency of a contact towards its neighbours in a list, as far as the contact comes
+        nearer to the target and lands no worse: softer springs throw a robot higher, and let it
+        sink deeper.
+
+        frequencies: rad/s, rising; that of the contact is one of them.
         """
         at = frequencies.index(contact.frequency)
         for beyond in (*frequencies[max(at - 1, 0) : at], *frequencies[at + 1 : at + 2]):
@@ -198,8 +211,11 @@ class ReboundSearch(ABC, Generic[Spring]):
         return contact
 
     def _towards(self, contact: Spring, name: str, beyond: float) -> Spring:
-        """The contact with one number moved towards another as long as it comes nearer to the target
-        and does not land worse: by halving the interval _REFINED times.
+        """The contact with one number moved towards another value as far as it comes nearer to the
+        target and does not land worse, found by halving the interval _REFINED times.
+
+        name: "frequency", rad/s, or "damping", a ratio. beyond: the other value of it. Halved is
+        the ratio of the two values: the middle is their geometric mean.
         """
         for _ in range(_REFINED):
             middle = replace(contact, **{name: math.sqrt(getattr(contact, name) * beyond)})
@@ -232,7 +248,10 @@ class ReboundSearch(ABC, Generic[Spring]):
         return list(map(self._row, self._frequencies(self.grid.frequencies)))
 
     def _frequencies(self, count: int) -> list[float]:
-        """Frequencies of the contacts to try, rad/s, rising, see `_rows`."""
+        """Frequencies of the contacts to try, rad/s, rising: `count` of them, from a spring that
+        stops a body within the depth that is allowed, to the stiffest that the time step resolves.
+        """
+        # The depth by which a setting is judged to land no deeper than the model, m.
         deepest = max(1.2 * self.before.depth, self.before.depth + 5e-4)
         speed = math.sqrt(2.0 * self.bench.gravity * REBOUNDS[0].height)
         fastest = self.grid.fastest / self.bench.timestep
@@ -259,11 +278,12 @@ class ReboundSearch(ABC, Generic[Spring]):
         return self._tried[contact]
 
     def _meeting(self, row: Sequence[Spring]) -> list[Spring]:
-        """Contacts of one frequency that have the target's rebound in short drops, and nothing
-        worse.
+        """Contacts of one frequency that have the target's rebound in short drops, and with which
+        nothing is worse.
 
-        row: of one frequency, the most damped first. Between two neighbours whose rebounds are
-        below and above the target one is looked for.
+        row: contacts of the frequency, the most damped first. Between two neighbours whose rebounds
+        are below and above the target, one that has it is searched; for a target of 0 the row
+        itself is tried.
         """
         if not self.target:
             return [contact for contact in row if self._is_met(contact)]
@@ -276,11 +296,10 @@ class ReboundSearch(ABC, Generic[Spring]):
         return met
 
     def _between(self, above: Spring, below: Spring) -> Spring:
-        """The contact of one frequency whose rebound is that of the target, to a share of _NEAR, by
-        halving the interval of damping.
+        """A contact whose rebound misses the target by less than _NEAR of it, found by halving the
+        interval of damping between two; or the last one tried.
 
-        above, below: two contacts of the frequency, one with less rebound than the target, one with
-        more.
+        above, below: two contacts of one frequency, with rebounds on different sides of the target.
         """
         middle = above
         for _ in range(_HALVINGS):

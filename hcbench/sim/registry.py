@@ -28,13 +28,12 @@ base_name = entry_points.base_name
 
 @checked
 def engine(name: str) -> Engine:
-    """The engine registered under `name`, its backend not imported yet.
+    """The engine registered under `name`; its backend is not imported yet.
 
-    name: with "@" and a version for one of several, which may be in an environment of its own.
-    Without a version it is the engine beside hcbench, else the newest in an environment, else one
-    whose `version` raises EngineMissing.
-    Raises UserError for an unknown name, EngineFailed for an entry point that holds no engine. A
-    version that is not installed gives an engine that raises EngineMissing at each use.
+    name: "myengine" is the engine installed beside hcbench; else the newest in an environment of
+    its own; else one whose `version` raises EngineMissing. "myengine@1.2" is that version, wherever
+    it is installed; if it is not, an engine that raises EngineMissing at each use.
+    Raises UserError for an unknown name, EngineFailed for an entry point that holds no engine.
     """
     base, at, version = name.partition("@")
     own = adapter(base)

@@ -52,7 +52,7 @@ class Wrapped(HasPlugin, TunesModels):
     """An engine under a name that states a version: its adapter answers what needs no backend."""
 
     def __init__(self, adapter: Engine, name: str) -> None:
-        """Take over what the adapter says of itself, under this name, which may have a version."""
+        """Copy the properties of an engine's adapter, under a name that may state a version."""
         self.adapter = adapter
         self.name = name
         self.title = versioned_title(adapter, name)
@@ -145,13 +145,14 @@ class RemoteEngine(Wrapped):
         return self.environment.version
 
     def recipes(self) -> Sequence[Recipe]:
-        """Return the adapter's recipes, run in the engine's environment: their
-        options may depend on its version.
+        """Recipes of the adapter, each with a function that runs in the engine's environment: the
+        options may depend on the engine's version.
         """
-        return [
-            dataclasses.replace(recipe, function=partial(self._options, recipe.name))
-            for recipe in super().recipes()
-        ]
+        recipes = []
+        for recipe in super().recipes():
+            there = partial(self._options, recipe.name)
+            recipes.append(dataclasses.replace(recipe, function=there))
+        return recipes
 
     def _options(self, recipe: str, target: Target, *integrator: str) -> Mapping[str, Any]:
         """Options that a recipe gives for a target, computed in the engine's environment."""
@@ -201,8 +202,13 @@ class RemoteEngine(Wrapped):
         whole: bool = False,
         train: LongestTrain | None = None,
     ) -> Passivity:
-        """Test a setting for energy in the engine's environment; arguments and errors as
-        `Engine.passivity`.
+        """Test, in the engine's environment, whether a setting ever adds energy to a ball.
+
+        speeds: the band, lowest and highest impact speed, m/s. whole: run the long test, with drops
+        of half a minute and with boxes. train: the longest train of bounces that the target allows
+        after a drop; None: it must rest.
+        Raises SettingError for a setting that the engine cannot have, SceneError for a scene that
+        it cannot load, EngineFailed.
         """
         passivity: Passivity = self._call("passivity", scene, setting, speeds, whole, train)
         return passivity
@@ -280,11 +286,12 @@ def interpreter_of(engine: Engine) -> Interpreter | None:
 
 
 def interpreter(environment: Environment) -> Interpreter:
-    """The interpreter for worker processes of an environment.
+    """The interpreter for worker processes of an environment, with a setup that makes hcbench and
+    the module of the environment's engine importable there, from their files here.
 
-    It knows the engine of that environment and hcbench's own engines, as their modules are made
-    importable there. The modules have to be imported here before.
+    Both have to be imported in this process before. Only engines of these two are registered there.
     """
+    # Of each registered engine the entry point, and the top-level module in which that is.
     values: dict[str, str] = {}
     tops: dict[str, str] = {}
     for name in entry_points.names():

@@ -61,7 +61,7 @@ class Rest:
 
     @property
     def text(self) -> str:
-        """One line of it."""
+        """Phrase of the penetration in mm, the vibration in m/s, and, if known, the force noise."""
         if math.isnan(self.penetration):
             return "it diverges"
         noise = (
@@ -71,9 +71,9 @@ class Rest:
         return f"{depth}, vibration {self.vibration:.2g} m/s (rms){noise}"
 
     def failures(self, radius: float, timestep: float) -> list[str]:
-        """Reasons why a body of this radius (m) does not count as resting at
-        a step (s); empty if it rests.
+        """Reasons why a body does not count as resting, in words; [] if it rests.
 
+        radius: R, of the body, m. timestep: s.
         It rests if it sinks more slowly than 1e-5 m/s, lies less deep than 1e-3 R or 0.2 mm per ms
         of step, and its vibration is below 1e-4 m/s or decaying.
         """
@@ -101,19 +101,18 @@ def rest_of(
     force: Floats | None = None,
     along: Floats | None = None,
 ) -> Rest:
-    """Judge the rest of a body from its path: time (s), penetration (m), rate
-    (m/s), force (N); shape (n,).
+    """Measure how a body rests from its path: how deep it lies, sinks, vibrates and drifts in the
+    second half, when the path has calmed. DIVERGED if a number is not finite.
 
-    Slopes and vibrations are those of the second half, when the path has calmed. DIVERGED if a
-    number is not finite.
-
-    along: its position along the plate, m, shape (n, k).
+    time (s), penetration (m), rate (m/s) and force (N, or None): (n,) each. along: its position
+    along the plate, m, (n, k), or None.
     """
     if not (np.isfinite(penetration).all() and np.isfinite(rate).all()):
         return DIVERGED
     half = len(time) // 2
     before = slice(half)
     last = slice(half, None)
+    # The slope of a straight line through the penetrations, m/s.
     sinking = float(np.polyfit(time[last], penetration[last], 1)[0])
     vibration = float(np.sqrt(np.mean((rate[last] - sinking) ** 2)))
     earlier = float(np.sqrt(np.mean((rate[before] - sinking) ** 2)))
@@ -244,8 +243,11 @@ class Standing:
         cost: tuple[float, float],
         slope: float,
     ) -> Standing:
-        """Made of rests on the level and on a slope (rad), drift in a
-        grasp, hop of a slide, (iterations, time) of a step.
+        """Join what was measured of a model at rest.
+
+        rest: on the level. on_slope: on a slope. hold: drift in a grasp, m/s. hop: how far a body
+        rises that is laid down as it slides, m. cost: of a step: iterations of the solver, and
+        time, s. slope: its angle, rad.
         """
         return cls(
             rest.penetration,
@@ -272,8 +274,11 @@ class Standing:
                 yield f"{quantity.title} {was / unit:.3g} -> {now / unit:.3g} {quantity.unit}"
 
     def rests_worse_than(self, before: Standing, timestep: float) -> Iterator[str]:
-        """Reasons why it does not rest as well, in words: it creeps or slips more, lies deeper than
-        before and than a step (s) allows, or vibrates more than before and than a body at rest.
+        """Yield phrases of what is worse than before in how a model rests: it creeps or slips more,
+        lies deeper than before and than the time step allows, or vibrates more than before and than
+        a body at rest may.
+
+        before: the model to compare with. timestep: s.
         """
         limits = (
             ("drift_m_per_s", self.drift, before.drift, 0.0),
@@ -360,11 +365,12 @@ def rests(rest: Rest) -> bool:
 
 
 def borne(times: float, own: float, rows: Floats) -> BorneLoad:
-    """The load that a contact bears under `times` its force at rest; without numbers where the
-    contact's force is another, or does not stay.
+    """The load that a contact bears when pressed by a multiple of its force at rest, from its last
+    steps: mean force and penetration; NaN where the force is another than it should be, or does not
+    stay.
 
-    own: force at rest, N.
-    rows: (n, 2) of the last steps: force, N; penetration, m.
+    times: the multiple. own: force at rest, N. rows: force, N, and penetration, m, of the steps,
+    (n, 2).
     """
     force, penetration = rows.mean(axis=0).tolist()
     noise = float(rows[:, 0].std())

@@ -107,7 +107,9 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
         """The options of a setting; SettingError names the first that the engine does not have."""
         options = validate(self.table, setting.options, SettingError, f"{self.name} option '{{}}'")
         if options.law is not None and not isinstance(options.law, self.laws):
-            got, expected = ("'restitution'", "'force'")[:: 1 if HuntCrossley in self.laws else -1]
+            got, expected = "'force'", "'restitution'"
+            if HuntCrossley in self.laws:
+                got, expected = expected, got
             raise SettingError(
                 f"{self.name} option 'law.kind'", got, f"{expected}, which this engine supports"
             )
@@ -331,11 +333,11 @@ def require_motion_at(coordinate: float, timestep: float, fastest: float, bits: 
 
 
 def law_text(law: PythonLaw | None, force: str, by_impact: str) -> str:
-    """A law's numbers in an engine's own lines; "" without a law.
+    """Lines of code with a law's numbers filled in; "" without a law.
 
-    force: lines of eq. (16) with {k}, {n} and {a}: N/m^n, 1 and s/m, a = (3/2) α.
-    by_impact: lines of a law that sets e of each impact, with {} for α, s/m, and {} for the reading
-    of e(v).
+    force: the engine's lines for the law of 1975 as a force, with {k}, N/m^n, {n} and {a}, s/m,
+    which is 3 α/2. by_impact: its lines for a law that sets e of each impact, with {} for α, s/m,
+    and {} for the reading of e(v), "law" or "linear".
     """
     if law is None:
         return ""
@@ -373,7 +375,7 @@ class BatchWorld(World):
         """
 
     def release(self, launches: Sequence[Launch]) -> BatchSimulation:
-        """A ball for each launch, up to `places` of them, one at least."""
+        """Release a ball for each launch; there may be one to `places` of them."""
         # The batch has a size that was compiled: places left over have the last launch again.
         spare = self.places - len(launches)
         padded = [*launches, *[launches[-1]] * spare]
@@ -418,9 +420,11 @@ class ScriptedWorldsEngine(ScriptedEngine[Options]):
     together = 64
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> World:  # type: ignore[override]
-        """`together` copies of the script's world, for launches that touch at up to `fastest` m/s.
+        """Run the engine's script with `together` copies of its world in place of one, for launches
+        that touch at up to `fastest` m/s.
 
-        Raises SettingError for a step too short for float32, and as `script` does.
+        Raises SettingError for a time step too short for float32, for a scene that the script
+        cannot have, and for options that the engine does not have.
         """
         require_motion(scene, setting.timestep, fastest, self.bits)
         script = self.script(scene, setting).replace("worlds = 1", f"worlds = {self.together}")
@@ -439,13 +443,13 @@ class BatchSimulation(Simulation):
         self._which = np.arange(launches)
 
     def advance(self, steps: int) -> Record:
-        """Take up to `steps` steps, as many as the world takes at once; only launches that are kept
-        count.
+        """Take up to `steps` steps, as many as the world takes at once, and record the state at the
+        start of each, (b, n), of the b launches that are kept.
 
-        The force, N, is what each step did to the momentum. Shapes are (b, n), b launches and n
-        steps.
+        The force, N, is what each step did to the momentum.
         """
         world = self._world
+        # Heights, m, and velocities upwards, m/s, now and after each step: (n + 1, 2, places).
         path = np.concatenate([self._state[None], world.step(steps)], dtype=np.float64)
         self._state = path[-1]
         z, v = path[:, :, self._which].transpose(1, 2, 0)

@@ -112,9 +112,10 @@ class CopiesWorld(BatchWorld):
     def __init__(
         self, scene: Scene, timestep: float, copies: Copies, rest: Floats, reading: SpeedReading
     ) -> None:
-        """Copies of a scene's ball, all at rest.
+        """Take up copies of a scene's ball, all at rest.
 
-        timestep: s. rest: state of the ball at rest, shape (n,). reading: how speeds are read.
+        timestep: s. copies: of the engine, which steps them. rest: state of the ball at rest, (n,).
+        reading: how speeds are read.
         """
         super().__init__(scene, timestep)
         self._copies = copies
@@ -134,10 +135,10 @@ class CopiesWorld(BatchWorld):
         return self._copies.place(states)[:, self._at].T
 
     def read(self, launches: Launches) -> Impacts:
-        """The impacts of launches, in order, read while they are stepped together until few have
-        not ended.
+        """The impacts of launches, in order, read while all are stepped together.
 
-        Those few begin again in a batch of their own.
+        Once most have ended the batch stops, and the few that are left begin again in a batch of
+        their own: so a few long contacts do not keep all copies stepping.
         """
         left = np.arange(len(launches))
         parts: list[Impacts] = []
@@ -159,10 +160,11 @@ class CopiesWorld(BatchWorld):
         return Impacts.joined(parts).take(np.argsort(np.concatenate(order)))
 
     def _read(self, launches: Launches) -> Reading:
-        """The reading of each launch, shape (b,); the end of one that has not ended is 0.
+        """Step a copy of the scene for each launch, and return what was read of each, (b,); `end` is
+        0 for a launch that has not ended.
 
-        Steps a copy for each launch, and more of the last, to a batch size that was compiled
-        before. Of many launches it stops once 7 in 8 have ended, or a few steps later.
+        Copies of the last launch fill the batch to a size that may have been compiled before. Of
+        many launches it stops once 7 in 8 have ended, or a few steps later.
         """
         count = len(launches)
         # Batches are a multiple of this: an eighth to a sixteenth of the launches, a power of 2.
@@ -237,15 +239,18 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
         radius: float = 0.0,
         device: str = "",
     ) -> Copies:
-        """Copies of a model that `model_engine` compiled. Raises SceneError for what this one does
-        not have, CannotRun for a device that this machine lacks.
+        """Make copies of a model for this engine to step.
 
-        start: a state of that engine. The copies keep its controls, activations, moved bodies and
-        active equalities; `place` sets positions and velocities.
-        bits: of the numbers; 0 for those that its users get who set nothing.
-        law: `law_lines`, of a ball of this radius, m, above z = 0.
-        device: that is to be read from, of `devices`; "" for the engine's own choice, and recorded
-        steps.
+        model: as `model_engine` compiled it. start: a state of that engine; the copies keep its
+        controls, activations, moved bodies and active equalities, and `place` sets positions and
+        velocities.
+        bits: of the numbers; 0 for those that users get who set nothing.
+        law: lines of code, as `law_lines` makes them, of a law for a ball of this radius, m, above
+        z = 0; "" for the engine's own contact.
+        device: one of `devices`, on which impacts are read; "" for the engine's own choice, and for
+        recorded steps.
+        Raises SceneError for what this engine does not have, CannotRun for a device that this
+        machine lacks.
         """
 
     @abstractmethod
@@ -260,10 +265,12 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
         return self.bits
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> CopiesWorld:
-        """Copies of a scene under a setting, for launches that touch at up to `fastest` m/s.
+        """Load a scene under a setting: a world with copies of it, for launches that touch at up to
+        `fastest` m/s.
 
-        Raises SettingError for what it would do otherwise than `model_engine`, for a step too short
-        for its numbers and for options that it does not have, and as `copies` does.
+        Raises SettingError for what this engine does otherwise than `model_engine`, for a step too
+        short for its numbers and for options that it does not have; SceneError and CannotRun as
+        `copies` does.
         """
         bits = self.bits_of(setting)
         law = self.law(setting)
@@ -290,10 +297,12 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
     def open(
         self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
     ) -> ModelUnderTest:
-        """The model of `model_engine`, stepped by this engine.
+        """Open a user's model by `model_engine`, to be stepped by this engine.
 
-        Raises EngineFailed where that engine's model cannot be stepped by another, and as
-        `OpensModels.open` does.
+        source: the model. request: the pair, its pose, and the launches. rebuild: makes the model
+        again, or None.
+        Raises EngineFailed where the model cannot be stepped by another engine, UserError where the
+        pair cannot be measured, EngineMissing where an engine is not installed.
         """
         return self.stepping(self._opener().open(source, request, rebuild))
 
@@ -311,9 +320,12 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
     def varied(
         self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
     ) -> VariedContact:
-        """The model of `model_engine` whose pair can be changed, stepped by this engine.
+        """Open a user's model by `model_engine` so that the contact of its pair can be changed, and
+        let this engine step it.
 
-        Raises UserError where that engine varies no contacts, and as `open`.
+        source: the model. rebuild: makes it again, or None.
+        Raises UserError where that engine varies no contacts or the pair cannot be measured,
+        EngineMissing where it is not installed.
         """
         lender = self._opener()
         if not isinstance(lender, VariesContacts):
@@ -330,17 +342,16 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
         return opener(registry.engine(self.model_engine))
 
     def _shared(self, setting: Setting) -> Setting:
-        """Part of a setting that `model_engine` reads, as a setting of that engine.
+        """The part of a setting that `model_engine` reads, as a setting of that engine.
 
-        For e(v) it has a contact that answers in one step, D = 1/h, where the law's lines set its
-        solref (`sets_solref`).
+        If this engine has a law e(v) and sets the solref of a contact by it (`sets_solref`), the
+        setting has one row for it, a pure damper 1/h, with which a contact answers in one step.
         """
         options = {word: value for word, value in setting.options.items() if word not in self.own}
         if self.sets_solref and isinstance(self.law(setting), Restitution):
             d = _ONE_STEP
-            options["rows"] = [
-                {"solref": [0.0, -1.0 / setting.timestep], "solimp": [d, d, 0.001, 0.5, 2.0]}
-            ]
+            row = {"solref": [0.0, -1.0 / setting.timestep], "solimp": [d, d, 0.001, 0.5, 2.0]}
+            options["rows"] = [row]
         return replace(setting, engine=self.model_engine, options=options)
 
     def law(self, setting: Setting) -> PythonLaw | None:
@@ -391,10 +402,14 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
         whole: bool = False,
         train: LongestTrain | None = None,
     ) -> Passivity:
-        """Test a setting for energy by impacts along the normal here, and in `model_engine` as that
-        one does: what slides.
+        """Test whether a setting adds energy: by impacts along the normal in this engine, and, but
+        for a setting with a law, also in `model_engine`, which has bodies that slide.
 
-        With a law all is tested here. Arguments and errors as of `Engine.passivity`.
+        speeds: the band, lowest and highest impact speed, m/s. whole: run the long test, with drops
+        of half a minute and with boxes. train: the longest train of bounces that the target allows
+        after a drop; None: it must rest.
+        Raises SettingError for a setting that the engine cannot have, SceneError for a scene that
+        it cannot load, EngineMissing, EngineFailed.
         """
         here = super().passivity(scene, setting, speeds, whole, train)
         if self.law(setting) is not None:
@@ -414,29 +429,29 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
 def shared_recipes(
     engine: str, model_engine: str, changes: Mapping[str, Mapping[str, Any]]
 ) -> tuple[Recipe, ...]:
-    """Copies of another engine's recipes for this one, on planes alone unless a change says
+    """Recipes of one engine made of those of another, on planes alone unless a change says
     otherwise.
 
-    changes: name of each recipe -> the fields that differ.
+    engine: the name of theirs. model_engine: the other engine.
+    changes: for each recipe of the other, by name, the fields of `Recipe` that differ.
     Raises UserError for a name that the other engine does not have.
     """
-    return tuple(
-        replace(
-            registry.recipe(f"{model_engine}.{name}"),
-            engine=engine,
-            **{"forms": ("plane",), **change},
-        )
-        for name, change in changes.items()
-    )
+    recipes = []
+    for name, change in changes.items():
+        original = registry.recipe(f"{model_engine}.{name}")
+        fields = {"engine": engine, "forms": ("plane",), **change}
+        recipes.append(replace(original, **fields))
+    return tuple(recipes)
 
 
 def changed(
     recipe: str, change: Callable[[Mapping[str, Any]], Mapping[str, Any]], **more: Any
 ) -> Callable[..., Mapping[str, Any]]:
-    """A recipe's function with its options changed, in what an interrupted search hands out too.
+    """Make the function of a recipe, from target to options, out of another recipe's, by changing
+    the options that it returns; those that an interrupted search hands out are changed, too.
 
-    recipe: "engine.name". change: from the options to those to return.
-    more: further arguments of the function.
+    recipe: "engine.name" of the other. change: from its options to those to return.
+    more: further arguments of its function.
     """
 
     def function(target: Target, integrator: str = "Euler") -> Mapping[str, Any]:

@@ -70,7 +70,7 @@ def impacts(engine: SteppedEngine, scene: Scene, setting: Setting, launches: Lau
     for errors of a version that was never tried.
     """
     require_installed(engine.name)
-    # Alike together: they take equally long.
+    # Launches of like height and speed go together, since they take equally long.
     order = np.lexsort((launches.speed, np.nan_to_num(launches.height)))
     in_order = launches.take(order)
     where = (engine.name, scene, setting)
@@ -96,10 +96,11 @@ def impacts(engine: SteppedEngine, scene: Scene, setting: Setting, launches: Lau
 def trajectory(
     engine: SteppedEngine, scene: Scene, setting: Setting, launch: Launch, duration: float
 ) -> Trajectory:
-    """Every step of `duration` s after one launch, NaN from where the engine gave up.
+    """Simulate one launch for `duration`, s, or one step if that is longer: time, penetration, rate
+    and force at each step, (n,), NaN from where the engine gave up.
 
-    At least one step. Raises EngineMissing, what `load` raises, and the error of a process that
-    died or hung.
+    Raises EngineMissing, what the engine's `load` raises, and the error of a process that died or
+    hung.
     """
     require_installed(engine.name)
     steps = max(1, round(duration / setting.timestep))
@@ -120,16 +121,17 @@ def impacts_in(world: World, launches: Sequence[Launch]) -> list[Impact]:
 def run_launches(
     world: World, launches: Launches, places: int = 0, expected: int = 0
 ) -> Iterator[Impacts]:
-    """Impacts of launches that are sorted by how long they take, in groups of the world's `places`.
+    """Yield the impacts of launches in their order, a group of launches at a time.
 
-    places: launches together at most, 0 for as many as the world carries.
-    expected: steps of the first, after which each group tells the next; 0 where they have nothing
-    in common.
-    Groups come in the order of the launches. Raises SettingError, with the first group, for a
-    launch that cannot arrive.
+    launches: sorted by how long they take. places: launches simulated together at most; 0 for as
+    many as the world carries.
+    expected: steps that the first group probably takes; each group then tells what to expect of the
+    next. 0 where that is unknown, and launches have nothing in common.
+    Raises SettingError, before the first group, for a launch that cannot arrive.
     """
     _require_arrival(world, launches)
     most = places or world.places
+    # Steps that a group takes before anything is looked at, and probably in all.
     first = round(_GUESS_SHARE * expected)
     whole = expected
 
@@ -168,11 +170,11 @@ def _read_while_stepping(world: World, launches: Launches) -> Iterator[Impacts]:
 
 
 def _run_group(world: World, launches: Launches, first: int, expected: int) -> tuple[Impacts, int]:
-    """The impacts of launches that are simulated together, and how many steps that took.
+    """Simulate launches together: their impacts in order, and how many steps that took.
 
     first, expected: steps to take before anything is looked at, and probably in all; 0 where
     unknown.
-    Launches that disturbed each other are simulated again, each alone; the steps are then
+    If launches disturbed each other, each is simulated again alone; the steps returned are then
     `expected`.
     """
     try:
@@ -246,11 +248,11 @@ def _read(
     counts: NDArray[np.int64],
     ends: NDArray[np.int64],
 ) -> Impacts:
-    """The impacts of launches that have ended, with the motion along the plate where it was
-    recorded.
+    """Read the impacts of launches that have ended off their recorded steps, with the motion along
+    the plate where that was recorded.
 
-    rows: of `Record.rows`, shape (3 or 11, b, n).
-    counts, ends: steps of each launch, and why it ended, (b,).
+    rows: penetration, rate and force, then the eight of `Record.tangential` if known, SI, (3 or 11,
+    b, n). counts, ends: steps of each launch, and why it ended (`End`), (b,).
     """
     time = np.arange(rows.shape[2], dtype=np.float64) * world.timestep
     read = impacts_of(
@@ -272,10 +274,10 @@ def _read(
 
 
 def _steps_to_part(last: Floats, timestep: float) -> float:
-    """Upper bound of the steps until bodies part that are on their way out.
+    """Upper bound of the steps until all of some bodies have parted, from the speeds with which they
+    leave; infinite where one is not inside and on its way out.
 
-    last: penetration, m, and rate, m/s, shape (2, b). timestep: s.
-    Infinite where one is not on its way out.
+    last: penetration, m, and rate, m/s, of each, (2, b). timestep: s.
     """
     x, v = last
     if not ((x > 0.0) & (v < 0.0)).all():
@@ -285,11 +287,12 @@ def _steps_to_part(last: Floats, timestep: float) -> float:
 
 
 def _explain(impacts: Impacts, simulation: Simulation, counts: NDArray[np.int64]) -> None:
-    """Add to the reason of impacts that went wrong what other forces acted, in place.
+    """Add to the reason of each impact that went wrong, in place, a note on other forces that acted.
 
-    counts: (b,), the steps of each launch under way that has ended, which the impacts are of, else
-    0.
-    Each launch is asked: a simulation of a user's model keeps what acted, for the causes.
+    counts: steps of each launch of the simulation that has just ended, else 0, (b,). impacts: of
+    those that ended, in order.
+    The simulation is asked for a note on all that ended, also those that went well: that of a
+    user's model then keeps what acted, for the search of causes.
     """
     wrong = np.isin(impacts.status, _WRONG)
     for i, launch in enumerate(np.flatnonzero(counts).tolist()):
@@ -339,10 +342,10 @@ def _groups(launches: Launches, name: str, scene: Scene, setting: Setting) -> It
 
 
 def _expected_steps(scene: Scene, timestep: float, launches: Launches) -> int:
-    """About how many steps the first launch takes: flight, and elastic contact of the scene's
-    stiffness.
+    """Estimate how many steps the first launch takes: its flight, and an elastic contact of the
+    scene's stiffness; 0 where there is no launch, and for one that never arrives.
 
-    timestep: s. 0 where there is no launch, and for one that never arrives.
+    timestep: s.
     """
     if not len(launches):
         return 0
@@ -355,7 +358,8 @@ def _expected_steps(scene: Scene, timestep: float, launches: Launches) -> int:
 
 
 def _followed(name: str, scene: Scene, setting: Setting, launch: Launch, steps: int) -> Trajectory:
-    """The path of `trajectory` in this process: `steps` steps, NaN from where the engine gave up.
+    """Simulate one launch for `steps` steps in this process: time, penetration, rate and force at
+    each, NaN from where the engine gave up.
 
     name: of the engine. Raises what its `load` raises.
     """

@@ -80,10 +80,12 @@ class QuietRun:
     last_broken: Whole
 
     def long_enough(self, met: Flags, touch: Whole, start: int) -> Flags:
-        """Mask, (b, n), of the steps from `start` on at which the run is long enough.
+        """Mask, (b, n), of the steps of a chunk at which the condition has been met for long enough:
+        for `least` steps, and, if `half_contact`, for half of the contact so far.
 
-        met: (b, n), where the condition is met. touch: the step of the touch, (b,).
-        Calls have to follow one another: the last broken step is remembered.
+        met: where the condition is met, (b, n). touch: index of the step of the touch, (b,).
+        start: index of the chunk's first step.
+        Chunks have to follow one another: the last step that broke the condition is remembered.
         """
         step = np.arange(start, start + met.shape[1])
         # Nearly always no step is quiet.
@@ -138,12 +140,11 @@ class StopRule:
         deepest: float = math.inf,
         after: int = 0,
     ) -> StopRule:
-        """A rule for launches that has seen no step yet.
+        """The rule for b launches, before any step: how long to wait for a touch and in contact, and
+        when a body counts as resting.
 
-        timestep: s.
-        gravity: into the plate, m/s².
-        deepest: m, penetration beyond which a launch is TOO_DEEP.
-        after: steps to see once apart.
+        timestep: s. gravity: into the plate, m/s². deepest: penetration, m, beyond which a launch
+        is TOO_DEEP. after: steps to wait for once the bodies are apart.
         """
         sent = Launches.of(launches)
         flights = sent.flight_time(timestep, gravity) / timestep
@@ -179,8 +180,9 @@ class StopRule:
         )
 
     def add(self, x: Floats, v: Floats, f: Floats) -> tuple[Whole, Whole]:
-        """Look at one more chunk of penetration, m, rate, m/s, and force, N, shape (b, n).
+        """Look at one more chunk of steps, and decide which launches have ended.
 
+        x, v, f: penetration, m, rate, m/s, and force, N, (b, n).
         Returns how many of all steps belong to each launch, (b,), 0 where it has not ended, and why
         it has (`End`), (b,).
         """
@@ -199,6 +201,7 @@ class StopRule:
         whole = self.parted + self.after
         bad = not_finite(x, v, f)
         never = np.full(len(x), _NEVER)
+        # For each reason the step at which it first applies, (b,); in the order of `End`.
         whens = {
             End.NOT_FINITE: _first(bad, start) if bad.any() else never,
             End.TOO_DEEP: _first(x > self.deepest, start) if self.deepest < math.inf else never,

@@ -28,10 +28,10 @@ _NORMAL = 1.0 - 1e-6
 
 
 def frame(deeper: Floats, along: Sequence[float] = (1.0, 0.0, 0.0)) -> Floats:
-    """Unit vectors along, across and away from the plate, shape (..., 3, 3).
+    """Axes of a plate: unit vectors along it, across and away from it, as rows, (..., 3, 3).
 
-    deeper: unit vectors into the plate, shape (..., 3).
-    along: any vector that is not normal to the plate.
+    deeper: unit vectors into the plate, (..., 3). along: vector whose part in the plate is the first
+    axis; it may have any length, and must not be normal to the plate.
     """
     up = -deeper
     ahead = np.asarray(along) - up * (up @ np.asarray(along))[..., None]
@@ -40,10 +40,11 @@ def frame(deeper: Floats, along: Sequence[float] = (1.0, 0.0, 0.0)) -> Floats:
 
 
 def plate_frame(deeper: Floats, along: Sequence[float] | None) -> Floats:
-    """The `frame` of one unit vector, (3, 3): rows along, across and away from the plate.
+    """Axes of a plate for a direction that a user gives: rows along, across and away from it, (3,
+    3).
 
-    deeper: into the plate, (3,).
-    along: the way, of any length; None for x, or y where the plate is across x.
+    deeper: unit vector into the plate, (3,). along: the direction, of any length; None for x, or
+    for y where x is nearly normal to the plate.
     Raises UserError for a direction that is 0 or normal to the plate.
     """
     if along is None:
@@ -60,11 +61,13 @@ def plate_frame(deeper: Floats, along: Sequence[float] | None) -> Floats:
 def rows_of_ball(
     scene: Scene, velocity: Floats, spin: Floats, deeper: Floats, gained: Floats
 ) -> Floats:
-    """Compute the rows of `Record.tangential` for a scene's balls, shape (8, b, n).
+    """Motion of a scene's balls along the plate at each step, (8, b, n): slip of the contact point
+    (2, m/s), spin (3, rad/s), friction (2, N), and the kinetic energy without that of the approach
+    (J); vectors in the plate's axes, along, across and away from it.
 
-    velocity, spin: of the centre at the start of each step, m/s and rad/s, shape (b, n, 3).
-    deeper: unit vectors into the plate.
-    gained: acceleration in the step without gravity's, m/s²; of the same shape.
+    velocity, spin: of the centre at the start of each step, m/s and rad/s, (b, n, 3).
+    deeper: unit vectors into the plate, (b, n, 3). gained: acceleration in the step without that of
+    gravity, m/s², (b, n, 3).
     """
     sliding = velocity + np.cross(spin, scene.touch_radius * deeper)
     rate = (velocity * deeper).sum(axis=-1)
@@ -96,9 +99,11 @@ class AlongPlate(NamedTuple):
 
 
 def along_plate(impact: Impact) -> AlongPlate:
-    """Summarize an impact along the plate; slip and spin are 0 for one that is not oblique.
+    """Slip (m/s), spin (rad/s), impulse ratio and energy lost of an impact, in the direction of the
+    launch; slip and spin are 0 for one that is not oblique.
 
-    All is NaN for an oblique impact without such a record, and for one that was not measured.
+    All is NaN for an oblique impact whose motion along the plate was not recorded, and for one
+    without an e.
     """
     motion = impact.tangential
     if motion is not None:
@@ -135,15 +140,14 @@ def tangential_of(
     mass: float,
     by_work: bool = False,
 ) -> Tangential:
-    """Evaluate a measured oblique impact along the plate.
+    """Evaluate a measured oblique impact along the plate: slip, spin and energy before and after,
+    and impulses.
 
-    rows: of `Record.rows`, all steps of this launch, shape (11, n).
-    samples: steps in which the force acted.
-    speeds: in and out, m/s.
-    timestep: s.
-    mass: effective, along the normal, kg.
-    by_work: the energy after is the one before less what the contact took, where joints and servos
-    act, too.
+    rows: penetration, rate, force and the eight of `Record.tangential` at all steps of this launch,
+    SI, (11, n). samples: steps in which the force acted. speeds: in and out along the normal, m/s.
+    timestep: s. mass: effective, along the normal, kg.
+    by_work: the energy after is the one before less the work that the contact took, since joints
+    and servos change the energy, too.
     """
     force = rows[2]
     along = rows[3:]
@@ -172,12 +176,13 @@ def tangential_of(
 
 
 def _power(rows: Floats, contact: slice) -> float:
-    """Power that the contact takes from the motion, summed over its steps, W.
+    """Power that the contact takes from the motion, summed over its steps, W; times the step it is
+    a work, J.
 
-    It is force times the mean of the speeds at the ends of each step.
-
-    rows: (11, n), penetration, rate, force, and the eight of `Record.tangential`.
-    contact: the steps in which the force acted.
+    In each step it is the force times the mean of the speeds at the step's ends, along the normal
+    and along the plate.
+    rows: penetration, rate, force, and the eight of `Record.tangential`, SI, (11, n). contact: the
+    steps in which the force acted.
     """
     # A body that stays down is in contact to the record's last step, which then has no end.
     steps = np.arange(contact.start, contact.stop)

@@ -109,13 +109,17 @@ ALPHA = Parameter("alpha", (2.0, 0.5, 0.1))
 def plugin_law(
     setting: ContactSetting, given: Mapping[str, float]
 ) -> Restitution | ConstantRestitution | None:
-    """The law that a setting gives the plug-in; None where it has none.
+    """The law that a contact setting gives the plug-in: one e, or e(v) of an α; None for a setting
+    of the engine's own contact.
 
-    given: values by name, of e or of α, s/m. Raises KeyError where that one is missing.
+    given: values of the setting's parameters by name; α in s/m. Raises KeyError where the law's is
+    missing.
     """
     if setting.name == PLUGIN_E:
         return ConstantRestitution(given[E.name])
-    return Restitution(given[ALPHA.name]) if setting.name == PLUGIN_ALPHA else None
+    if setting.name == PLUGIN_ALPHA:
+        return Restitution(given[ALPHA.name])
+    return None
 
 
 class TossModule(Protocol):
@@ -132,7 +136,8 @@ class TossModule(Protocol):
         timestep: float,
         tosses: Sequence[Toss],
     ) -> list[Floats]:
-        """States at the ends of the steps, (steps + 1, 13), SI, an array per toss.
+        """Simulate each toss of a body: its state at the start and after each step, SI, an array
+        (steps + 1, 13) per toss: position, quaternion, velocity, spin.
 
         values: one for each of the setting's parameters. timestep: s.
         Raises EngineMissing where the backend is missing.

@@ -46,14 +46,14 @@ _CLOSE = 1e-12
 def travel_by_distance(
     distance: Callable[[float], float], size: float, approach: float = 1.0
 ) -> float:
-    """Find the travel at which the two touch or are nearest; on a straight way one round does.
+    """Find how far one body has to travel until it touches another, m or rad; if the two pass each
+    other without touching, the travel at which they were nearest.
 
-    distance: moves to a travel and returns the signed distance there, m.
-    size: of the smaller of that part and what it would be in, m: a bounding radius or the diagonal
-    of a box, as the engine has it.
-    approach: how much the distance falls a unit of travel.
-    Convex shapes on a straight approach take one round, others up to _ROUNDS. Where the two pass
-    each other without touching, it is the travel at which they were nearest.
+    distance: moves the body to a travel and returns the signed distance there, m.
+    size: of the smaller body, m: a bounding radius or the diagonal of a box, as the engine has it;
+    it decides what is near enough. approach: how much the distance falls a unit of travel.
+    Each round travels by the distance that is left: convex shapes on a straight approach take one,
+    others up to _ROUNDS.
     """
     travel = best = 0.0
     nearest = math.inf
@@ -72,11 +72,12 @@ def travel_by_distance(
 
 
 def travel_by_scan(touches: Callable[[float], bool], start: float, stop: float) -> float | None:
-    """The least travel from `start` to `stop` that makes a contact; None where nothing touches.
+    """The least travel from `start` to `stop`, m, that makes a contact; None where nothing touches.
 
-    touches: moves to a travel and says whether the two touch there.
     For shapes whose distance is known only roughly: equal steps, then bisection. A contact within
     one step alone is missed, and `start` itself is not looked at.
+
+    touches: moves a body by a travel, m, and returns whether the two touch there.
     """
     travels = np.linspace(start, stop, _SCAN_STEPS + 1).tolist()
     for low, high in itertools.pairwise(travels):
@@ -86,9 +87,9 @@ def travel_by_scan(touches: Callable[[float], bool], start: float, stop: float) 
 
 
 def _bisected(touches: Callable[[float], bool], low: float, high: float) -> float:
-    """The least travel that makes a contact, between one without (low) and one with (high).
+    """The least travel that makes a contact, m, between one without (low) and one with (high).
 
-    touches: moves to a travel and says whether the two touch there.
+    touches: moves a body by a travel, m, and returns whether the two touch there.
     """
     for _ in range(_ROUNDS):
         middle = 0.5 * (low + high)
@@ -128,10 +129,10 @@ class JointBeyondLimit:
 
 
 def require_no_joint_beyond(joints: Sequence[JointBeyondLimit], start: str) -> None:
-    """Raise UserError for a pose with joints beyond their limits, and return where `joints` is
-    empty.
+    """Raise UserError, with the joint values that cure it, unless `joints` is empty.
 
-    start: what to start from instead, before the pose that cures it.
+    joints: those that a pose puts beyond their limits. start: another advice, to stand before the
+    pose that cures it, such as "another --key, or from "; or "".
     """
     if not joints:
         return
@@ -151,12 +152,10 @@ def require_no_joint_beyond(joints: Sequence[JointBeyondLimit], start: str) -> N
 def require_apart(
     distance: float, size: float, first: str, second: str, advice: str = "Move one away"
 ) -> None:
-    """Raise SceneError for two that start deep in each other.
+    """Raise SceneError for two bodies that overlap at the start by more than DEEPEST of their size.
 
-    distance: signed, m, below 0 for an overlap.
-    size: of the smaller one, m.
-    first, second: names.
-    advice: the end of the error.
+    distance: between them, signed, m, below 0 for an overlap. size: of the smaller one, m.
+    first, second: their names. advice: the end of the error.
     """
     if distance < -DEEPEST * size:
         got = f"{first!r} starts {-distance:.4g} m inside {second!r}"
@@ -166,13 +165,13 @@ def require_apart(
 def require_reachable(
     depth: float, size: float, pair: tuple[str, str], blocked: tuple[str, str], advice: str = ""
 ) -> None:
-    """Raise UserError for a touch at which another part of what moves is deep in something.
+    """Raise UserError if two bodies cannot be brought to touch, because another part of what moves
+    would then be inside something by more than DEEPEST of its size.
 
-    depth: of that part, m.
-    size: of the smaller one, m.
+    depth: of that part in what it meets, m. size: of the smaller of these two, m.
     pair: names of the two that should meet, the moving body first.
-    blocked: the part that moves with it, and what it would be in, as an error calls them.
-    advice: the end of the error.
+    blocked: that part, and what it would be in, as an error calls them. advice: the end of the
+    error.
     """
     if depth > DEEPEST * size:
         raise UserError(
@@ -279,11 +278,12 @@ class RecordedMotion:
     def read(
         cls, recorded: Mapping[str, Floats], nq: int, nv: int, timestep: float, layout: str = ""
     ) -> RecordedMotion:
-        """The states of a recording with `qpos`, `qvel` and, where it is known, `time`; without it
-        they are a time step, s, apart.
+        """Check and take the states of a recording: qpos (n, nq), qvel (n, nv) and time, s, (n,).
 
-        nq, nv: numbers in a state. layout: what they are, in words. Raises UserError for other
-        shapes, times that do not rise, and numbers that are not finite.
+        recorded: these arrays by name; without "time" the states are `timestep`, s, apart.
+        nq, nv: numbers of positions and velocities in the model's state. layout: what they are, a
+        sentence for errors. Raises UserError for a missing array, other shapes, fewer than two
+        states, times that do not rise, and numbers that are not finite.
         """
         arrays = []
         for name, width in (("qpos", nq), ("qvel", nv)):
@@ -326,11 +326,12 @@ class NewTouches:
     _last_seen: dict[Hashable, float] = field(default_factory=dict)
 
     def begins(self, parts: Hashable, state: int) -> bool:
-        """Say whether two parts that touch in a state were apart before it; of several contacts in one
-        state, the first tells.
+        """Say whether a contact in a state is a touchdown: its two parts were apart for longer than
+        PARTED_S and than _STATES_APART intervals of the recording; never in the first state, in
+        which they have not come down.
 
-        Parts that touch in the first state have not come down, and one state without contact may be
-        a gap between two recorded states only.
+        parts: the two, as a key. state: index of the state; calls go through the states in order,
+        and of several contacts of the same parts in one state only the first counts.
         """
         now = float(self.time[state])
         apart = now - self._last_seen.get(parts, -np.inf)

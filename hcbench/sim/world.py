@@ -57,12 +57,13 @@ class Record:
 def momentum_force(
     mass: float, timestep: float, slowed: Floats, speeds: Floats, bits: int = 64
 ) -> Floats:
-    """Normal force of each step, N; exactly 0 where the contact did nothing.
+    """Normal force of each step from the change of momentum, N; exactly 0 where the change is not
+    more than round-off, so that the contact did nothing.
 
     mass: kg. timestep: s.
-    slowed: speed into the plate that the contact took in the step, m/s.
-    speeds: sum of the sizes of what the step added up, m/s, which rounding goes by.
-    bits: of the engine's numbers. All of one shape.
+    slowed: speed into the plate that the contact took in the step, m/s. speeds: sum of the absolute
+    values of all speeds in that difference, m/s, by which round-off is judged; both of one shape.
+    bits: of the engine's numbers, 32 or 64.
     """
     noise = ROUND_OFF_STEP * float(np.finfo(f"f{bits // 8}").eps) * speeds
     return np.asarray(mass * np.where(np.abs(slowed) <= noise, 0.0, slowed / timestep))

@@ -92,8 +92,8 @@ class Choice:
 
     @property
     def energy(self) -> str:
-        """Phrase on energy: the number of launches in which it never grew, or the speeds at which
-        it grows.
+        """Phrase on energy: the number of launches and drops in which it never grew and of which
+        bodies, that and where it grows, or that it was not measured.
         """
         if self.passivity is None:
             return "energy was not measured"
@@ -112,6 +112,8 @@ class Choice:
     def judged(self) -> int:
         """Number of launches and drops in which energy never grew; 0 where it grew or was not
         measured.
+
+        Launches that gave no e do not count. A plug-in that needs no run has the drops alone.
         """
         passivity = self.passivity
         if passivity is None or passivity.warning or not self.max_e <= MOST_ADVISED:
@@ -133,7 +135,11 @@ class Choice:
 
     @property
     def record(self) -> dict[str, Any]:
-        """Record for JSON. scenes: in which it was tested for a gain of energy, 0 where it gained."""
+        """Record of the choice for JSON: errors and e as numbers, speeds in m/s.
+
+        Its "scenes" counts the launches and drops in which energy never grew, 0 where it grew;
+        "passive" says of a sphere and of a flat face that it never grew, None where not tested.
+        """
         return {
             "kind": self.kind,
             "setting": self.setting.name,
@@ -245,16 +251,21 @@ class Answer(Drawn):
 
     @property
     def best(self) -> Choice:
-        """The choice of the kind that was asked for, or else of the next kind; one named by the
-        user first.
+        """The setting that the user named; else the choice of the kind that was asked for, or, if
+        there is none, of the next kind in `_NEXT`.
 
         Where no kind was asked for, a setting for spheres alone comes after those for any body.
-        Raises SettingError without any, with the reasons.
+        Raises SettingError without any choice, with the reasons.
         """
         if self.named is not None:
             return self.named
-        found = [choice for kind in _NEXT[self.asked] if (choice := self.of(kind)) is not None]
+        found = []
+        for kind in _NEXT[self.asked]:
+            choice = self.of(kind)
+            if choice is not None:
+                found.append(choice)
         if self.asked is None:
+            # The sort is stable: of those that fit, the order of the kinds stays.
             found.sort(key=lambda choice: not self.fits(choice))
         if found:
             return found[0]
@@ -267,9 +278,11 @@ class Answer(Drawn):
 
     @property
     def is_as_asked(self) -> bool:
-        """True where the best choice is of the kind asked for.
+        """True where the best choice is of the kind that the user asked for, or the user named the
+        setting or asked for no kind.
 
-        One e for all speeds is a setting that matches a constant target. It is never a plug-in.
+        Where the target is one e for all speeds, a choice "constant" also answers the question for
+        "settings".
         """
         if self.named is not None or self.asked in (None, self.best.kind):
             return True
@@ -277,9 +290,11 @@ class Answer(Drawn):
 
     @property
     def tuned(self) -> Tuned:
-        """The best choice with what the engine did, or else another; a plug-in alone is run now.
+        """The best choice with what the engine did with it.
 
-        Raises as `best`, and what the engine raises where it is run.
+        A plug-in has no run of its own: then this is the first other choice that was run; and if
+        there is none, the plug-in is run now. Raises SettingError where there is no choice, and
+        what the engine raises in that run.
         """
         for choice in (self.best, *self.choices):
             if choice.tuned is not None:
@@ -297,10 +312,11 @@ class Answer(Drawn):
 
     @property
     def caution(self) -> str:
-        """Warning that one e for all speeds would be nearer than the best setting of the engine's
-        own.
+        """Warning that one e for all speeds would be nearer to the target than the best setting of
+        the engine's own, though no setting of the engine has that e at all these speeds.
 
-        "" where it would not, for a constant target, and without such a setting.
+        "" where it would not be nearer, for a constant target, and without a setting of the
+        engine's own.
         """
         native = self._best_native
         if native is None or self.target.is_constant:

@@ -135,7 +135,7 @@ def tune(
     -------
     Answer
         `text` is what to paste; `max_error` is the largest error of e that was measured over the band;
-        `gains` says whether e came nearer to the target; `files` are those that were written.
+        `choices` are all settings that will do, `never` those that will not, with the reasons.
 
     Raises
     ------
@@ -340,7 +340,8 @@ def tune_model(
 
 
 def _without_include(text: str, outputs: Mapping[str, Path], include: str) -> list[str]:
-    """A sentence where a model was written that does not include the file of the lines; else none.
+    """A sentence if a model and a file of its lines are written, but the model does not include
+    that file; else none.
 
     text: of the model. outputs: files, by their options. include: the file's name in the model.
     """
@@ -559,8 +560,11 @@ def _wanted_of_model(
 ) -> tuple[RestitutionCurve | AdamsImpact | NewtonSpring | Rebound, Sequence[float]]:
     """Target of pairs of a model, and the band of speeds, m/s: as given, else the target's.
 
-    ways: the targets but material and rebound, by the names of their options. Warns where the band
-    is outside what was measured of the material.
+    rebound: of a robot from a drop of 10 cm, m or text with a unit; None for another target.
+    target: how α is read, "law" or "linear". points: pairs of v, m/s, and e.
+    ways: all targets but material and rebound (the points among them), by their options' names.
+    Warns where the band is outside what was measured of the material. Raises UserError for none or
+    several targets, and QuantityError for text that is not such a quantity.
     """
     if rebound is not None:
         return _rebound(rebound, material=material, **ways), DEFAULT_SPEEDS
@@ -574,8 +578,11 @@ def _wanted_of_model(
 
 
 def _rebound(rebound: Quantity, **others: object) -> Rebound:
-    """The rebound that is the one target given, m. Raises UserError beside others and for one that
-    is not below the drop.
+    """The target of a robot: how high its centre of mass rebounds from a drop of 10 cm.
+
+    rebound: m, or text with a unit. others: the other targets, by the names of their options; each
+    has to be None. Raises UserError where one is not, and for a rebound that is not below the drop;
+    QuantityError for text that is not a length.
     """
     given = [f"--{name}" for name, value in others.items() if value is not None]
     if given:

@@ -98,13 +98,17 @@ class Evaluation:
 def held_out_launches(target: Target) -> Sequence[Launch]:
     """Launches that judge a setting: 9 speeds, each at 8 phases of the step, then 400 at random.
 
-    Always the same of one target. Speeds are those at touch, both ends of the band among them; with
-    friction, random launches slip up to the band's highest speed.
+    A phase is where in a step the body touches, 0 to 1. Speeds are those at touch, both ends of
+    the band among them; with friction, random launches slip up to the band's highest speed. One
+    target always has the same launches. Raises SettingError for a band that begins at a speed that
+    gravity gives within half a step.
     """
     inside = np.sort((np.arange(1, _SPEEDS - 1) * _GOLDEN) % 1.0)
     grid = target.speed_min + _width(target) * np.concatenate([[0.0], inside, [1.0]])
     phases = (np.arange(_PHASES) + _GOLDEN) / _PHASES
-    speed, phase = (axis.ravel() for axis in np.meshgrid(grid, phases, indexing="ij"))
+    # Each speed at each phase, phases of one speed after another.
+    speed = np.repeat(grid, _PHASES)
+    phase = np.tile(phases, len(grid))
     random = np.random.default_rng(_SEED)
     shares = random.uniform(size=_RANDOM)
     # Squares crowd towards the low end: slow impacts are the hard ones.
@@ -116,10 +120,12 @@ def held_out_launches(target: Target) -> Sequence[Launch]:
 
 
 def corner_launches(target: Target) -> list[Launch]:
-    """Launches at both ends of the band, m/s, that touch at either end of a step.
+    """Four launches: at the lowest and the highest speed of the band, touching at the start and at
+    the end of a step.
 
     Over the phase e is a sawtooth, over the speed it is furthest off at an end: few launches at
-    random come near such a corner.
+    random come near such a corner. Raises SettingError for a band that begins at a speed that
+    gravity gives within half a step.
     """
     speeds = np.repeat([target.speed_min, target.speed_max], len(_STEP_ENDS))
     return _launches(target, speeds, np.tile(_STEP_ENDS, 2), np.zeros(speeds.size))
@@ -132,11 +138,13 @@ def _width(target: Target) -> float:
 def _launches(target: Target, speeds: Floats, phases: Floats, slips: Floats) -> list[Launch]:
     """Launches that touch at given speeds and phases, n of them.
 
-    speeds: at touch, m/s, shape (n,). phases: shares of a step. slips: along the plate, m/s; none
-    without friction.
+    speeds: at touch, m/s, shape (n,). phases: where in a step they touch, 0 to 1, (n,). slips:
+    along the plate, m/s, (n,); 0 is taken for a target without friction.
 
-    Raises SettingError for a band that begins at speeds with which no step ends in free fall.
+    Raises SettingError for a band that begins at a speed that gravity alone gives in half a step:
+    a body so slow is never in free fall for the whole step before it touches.
     """
+    # What gravity adds in half a step, m/s.
     gained = 0.5 * target.gravity * target.timestep
     if target.speed_min <= gained:
         got = f"from {target.speed_min:.3g} m/s"
@@ -155,12 +163,17 @@ _Measure = Callable[[Sequence[Impact], Target, Scene], Floats]
 
 
 def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> Evaluation:
-    """Errors of a setting at held-out speeds and phases, then ever nearer to the worst of them.
+    """Run a setting at speeds and phases that no search used, then ever nearer to the worst of
+    them, and compare every impact with the target.
 
     With friction bodies slide and spin, too: in the engine itself, or in the one whose contact it
-    has. An engine without phases gets each speed of the grid once, and each eighth of the others. A
-    setting that leaves a launch of the grid without an e is of no use: it is judged by the grid
-    alone. Raises what `Engine.run` raises.
+    has. An engine without steps, or one that controls its error, gets each speed of the grid at one
+    phase, and each eighth of the random launches. A setting that leaves a launch of the grid
+    without an e is of no use: it is judged by the grid alone.
+
+    Raises SettingError for a setting that the engine cannot have and for a band that begins at a
+    speed that gravity gives within half a step; SceneError, EngineMissing and EngineFailed of the
+    engine.
     """
     oblique: Setting | None = None
     if target.friction:
@@ -198,24 +211,26 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
     measures: list[_Measure] = [_errors]
     if target.friction:
         measures.append(_friction_errors)
-    # Of each measure, the errors of the impacts until now.
-    off: dict[_Measure, Floats] = {errors: np.empty(0) for errors in measures}
-    for closer, errors in itertools.product(range(_ROUNDS), measures):
-        of_new = np.nan_to_num(errors(impacts[off[errors].size :], target, scene), nan=-1.0)
-        off[errors] = np.concatenate([off[errors], of_new])
-        worst = impacts[int(off[errors].argmax())]
-        reach = _NEARBY / 4.0**closer
+    # By each measure, the errors of the impacts until now, in their order.
+    known: dict[_Measure, Floats] = dict.fromkeys(measures, np.empty(0))
+    for halving, measure in itertools.product(range(_ROUNDS), measures):
+        unjudged = impacts[known[measure].size :]
+        # An impact that has no such error is never the worst.
+        new_errors = np.nan_to_num(measure(unjudged, target, scene), nan=-1.0)
+        known[measure] = np.concatenate([known[measure], new_errors])
+        worst = impacts[int(known[measure].argmax())]
+        reach = _NEARBY / 4.0**halving
         impacts += run(_near(worst, target, reach, random))
     impacts += run(corner_launches(target))
     return evaluate_impacts(impacts, target, scene)
 
 
 def _near(worst: Impact, target: Target, reach: float, random: np.random.Generator) -> list[Launch]:
-    """Launches at random about the worst impact, within the band.
+    """Launches at random about the worst impact, within the band, with its spin.
 
     reach: half width of the range they are drawn from, as a share of the band, of a step and, for
-    the slip, of the highest speed.
-    random: it moves on.
+    the slip, of the highest speed. About an impact without a speed: about the band's lowest speed.
+    random: draws them, and so is left in another state.
     """
     speed = target.speed_min if math.isnan(worst.speed_in) else worst.speed_in
     speeds = speed + random.uniform(-1, 1, _NEAR) * reach * _width(target)
@@ -252,10 +267,11 @@ def _signed_errors(impacts: Sequence[Impact], target: Target) -> Floats:
 
 
 def evaluate_impacts(impacts: Sequence[Impact], target: Target, scene: Scene) -> Evaluation:
-    """Compare impacts with the target.
+    """Errors of e, extremes of force, depth and steps, and failures of the impacts of a setting.
 
     impacts: those of `held_out_launches`, in their order, and any others after them.
-    An evaluation without any measured impact has the count and reason of the failures alone.
+    Where no impact has an e, errors and extremes are NaN: the evaluation tells how many failed and
+    the first reason.
     """
     good = [i for i in impacts if i.is_measured]
     failed = [i for i in impacts if not i.is_measured]
@@ -321,12 +337,13 @@ def _loop_rms(impacts: Sequence[Impact], target: Target) -> float:
 
 
 def rest_test(engine: Engine, scene: Scene, setting: Setting, seconds: float = 5.0) -> Rest:
-    """Let the body down on the plate under gravity, from almost no height, and see how it stays.
+    """Drop the body on the plate from almost no height, and measure how it rests in the second half
+    of the time: drift, depth and vibration.
 
     seconds: to simulate, within bounds on the number of steps; less for an engine that controls its
-    error.
-    Under the scene's gravity, or the standard one. Raises what `Engine.trajectory` raises, for one
-    EngineFailed of an engine that knows single impacts only.
+    error. The scene's gravity acts, or the standard one if it has none.
+    Raises what `Engine.trajectory` raises: EngineFailed of an engine that knows single impacts
+    only.
     """
     if _error_controlled(engine, setting):
         # An engine that controls its error takes thousands of steps for each swing of the spring.
@@ -356,10 +373,10 @@ MOTIONS = (
 
 @lru_cache(maxsize=1)
 def oblique_launches(target: Target) -> Sequence[Launch]:
-    """Launches over the target's band, of speeds at touch: each speed and phase with each of
-    MOTIONS.
+    """Launches that slide or spin: each of SPEEDS speeds over the target's band, at each of PHASES
+    of a step, with each (slip, spin) of MOTIONS.
 
-    Their speed is that along the normal, m/s.
+    The speed is that along the normal at touch, m/s.
     """
     speeds = np.geomspace(target.speed_min, target.speed_max, SPEEDS).tolist()
     launches = []
@@ -370,10 +387,11 @@ def oblique_launches(target: Target) -> Sequence[Launch]:
 
 
 def friction_error(impacts: Sequence[Impact], scene: Scene) -> float:
-    """Largest distance of friction's impulse from Coulomb's law over μ J_n, sliding's; NaN for
-    none.
+    """Largest error of friction's impulse: its distance from that of Coulomb's law, N s, divided by
+    μ J_n, the impulse of a contact that slides until its end.
 
-    impacts: those without a tangential record, or without friction, do not count.
+    NaN where no impact counts: those without an e, without a tangential record, and without
+    friction do not.
     """
     errors = []
     for impact in impacts:

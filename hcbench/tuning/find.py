@@ -81,9 +81,10 @@ def candidates(engine: str, target: Target, scene: Scene, match: Match) -> list[
 def _choose_for_loop(
     engine: str, recipes: Sequence[Recipe], target: Target, form: str, match: Match, contact: str
 ) -> tuple[Recipe, str]:
-    """Native recipe whose loop is that of the law, and what it promises.
+    """Native recipe whose loop of force over penetration is that of the law, and what it promises.
 
-    recipes: the engine's. form: of the scene.
+    recipes: the engine's. form: of the scene, "plane" or "cup".
+    match: what the user asked to match, for the errors.
     contact: how many steps the law's contact lasts, as a sentence.
     Raises SettingError where the step does not resolve the loop, for a target without α, and for an
     engine without such a recipe.
@@ -181,8 +182,8 @@ def find_answer(
 
 
 def _require_friction(engine: str, friction: float) -> None:
-    """Raise SettingError for a friction above 0 in an engine for which no body that slides could be
-    judged: it has no oblique launches, nor the contact of an engine that has.
+    """Raise SettingError for a friction (Coulomb's μ) above 0 in an engine in which no sliding body
+    can be judged: it has no oblique launches, nor the contact of an engine that has them.
     """
     adapter = registry.engine(engine)
     if not friction or adapter.oblique or adapter.default_friction:
@@ -216,9 +217,10 @@ def _require_integrator(engine: str, integrator: str) -> None:
 def _answered(
     finder: _Finder, asked: Kind | None, choices: Sequence[Choice], named: Choice | None = None
 ) -> Answer:
-    """The answer of these choices without those that have flaws, unless the user named one.
+    """The answer of these choices, without those that have flaws.
 
-    asked: the kind that is preferred. named: the choice by a recipe that the user names.
+    asked: the kind that is preferred, None for none. named: the choice by the recipe that the user
+    named, which stays the answer's `named` even with flaws; then it is listed as one never to use.
     """
     advised = [choice for choice in choices if choice.tuned is None or not choice.tuned.flaws]
     never = [*finder.never]
@@ -249,9 +251,11 @@ class _Finder:
         max_error: float,
         pair: Pair,
     ) -> None:
-        """Prepare the search of one answer; arguments as of `find_answer`, the scene in the
-        target's conditions.
+        """Prepare the search of one answer.
 
+        engine: a registered name. scene: in the target's conditions. integrator: of an engine that
+        has several; None for each recipe's own. max_error: of e, within which the simplest setting
+        will do. pair: names of the two bodies in the user's model.
         Raises UserError for an unknown engine.
         """
         self.engine = engine
@@ -267,10 +271,11 @@ class _Finder:
         self._adapter = registry.engine(engine)
 
     def named(self, name: str) -> Choice:
-        """The choice by a recipe that the user names, whatever its flaws.
+        """The evaluated choice by the recipe of this name, whatever its flaws.
 
-        Raises UserError for a name that the engine does not have, EngineFailed where launches of
-        the setting have no e, SettingError where the recipe cannot serve the target.
+        Raises UserError for a name that the engine does not have, EngineFailed where no launch of
+        the setting has an e, SettingError where the recipe cannot serve the target, and what
+        `make_tuned` raises.
         """
         recipes = registry.recipes(self.engine)
         if name not in recipes:
@@ -289,13 +294,15 @@ class _Finder:
         return self.choice(kind, tuned)
 
     def choices(self, tried: Sequence[tuple[Recipe, str]], asked: Kind | None) -> list[Choice]:
-        """The best of each kind; the plug-in alone where that was asked for, which needs no search.
+        """The best choice of each kind: exact, settings, constant. The plug-in alone where the
+        exact kind was asked for, as it needs no search.
 
-        tried: candidates for settings and for one e, the simplest first.
-        asked: the kind that the user prefers, or None.
-        Without a C compiler the plug-in is left out, unless it is the kind asked for: then
-        NotCompiled. Raises the first refusal or failure where no setting of the engine's own is
-        left, and no plug-in either or an integrator is named.
+        tried: candidates for settings and for one e, the simplest first, each with the reason for
+        it. asked: the kind that the user prefers, or None.
+        Settings not nearer to the target than one e for all speeds go to `never`. Without a
+        C compiler the plug-in is left out, unless it is the kind asked for: then NotCompiled.
+        If no setting of the engine's own is left, raises the first refusal or failure, but not
+        where the plug-in is an answer and the user names no integrator.
         """
         exact = self._exact_if_compiled(asked)
         if asked == "exact" and exact is not None:
@@ -311,8 +318,11 @@ class _Finder:
         if exact is not None:
             chosen.append(exact)
         if settings is not None and constant is not None and not settings.error < constant.error:
-            why = f"no nearer than one e for all speeds: {two_digits(settings.error)} where that is wrong by "
-            self.never.append(Never(settings.setting.name, f"{why}{two_digits(constant.error)}"))
+            why = (
+                f"no nearer than one e for all speeds: {two_digits(settings.error)} where that is "
+                f"wrong by {two_digits(constant.error)}"
+            )
+            self.never.append(Never(settings.setting.name, why))
             settings = None
         if settings is not None:
             chosen.append(self.choice("settings", settings))
@@ -324,11 +334,12 @@ class _Finder:
         return chosen
 
     def _best(self, tried: Sequence[tuple[Recipe, str]], enough: float) -> Tuned | None:
-        """The first that may be advised and whose error is small enough, or else the one with the
-        least.
+        """Evaluate recipes in turn: the first setting without flaws whose error is small enough, or
+        else the one with the least error; None if none is without flaws.
 
-        None without any. enough: error of e. Settings with flaws go to `never`; a recipe that
-        raises SettingError or EngineMissing is passed over, and the first such error kept.
+        tried: recipes, each with the reason for it. enough: an error of e that is small enough.
+        Settings with flaws go to `never`; a recipe that raises SettingError or EngineMissing is
+        passed over, and the first such error kept for `choices`.
         """
         usable: list[Tuned] = []
         for recipe, why in tried:
@@ -352,20 +363,21 @@ class _Finder:
         return min(usable, key=lambda tuned: tuned.error, default=None)
 
     def _failure(self, tuned: Tuned) -> EngineFailed:
-        """The error for launches without a restitution, which are never a verdict on a setting.
+        """The error to raise for a setting with launches that gave no restitution.
 
-        It is returned, not raised.
+        It is an engine's failure, not a verdict on the setting: nothing was measured.
         """
-        failed = tuned.evaluation
-        got = f"{failed.failed} launches gave no restitution: {failed.reason or 'not a number'}"
+        evaluation = tuned.evaluation
+        reason = evaluation.reason or "not a number"
+        got = f"{evaluation.failed} launches gave no restitution: {reason}"
         advice = "Try other speeds, another step or another --recipe"
         return EngineFailed(
             f"{self.engine} {tuned.recipe.name!r}", got, "a bounce from each", advice
         )
 
     def choice(self, kind: Kind, tuned: Tuned) -> Choice:
-        """A setting that was evaluated, as a choice: with boxes tried, its text, and the promise of
-        its error.
+        """An evaluated setting as a choice of a kind: its energy tested with boxes and a capsule,
+        too, its text to paste, and the promise of its error if that is known.
         """
         tuned = tuned.with_boxes()
         setting = tuned.setting
@@ -398,14 +410,19 @@ class _Finder:
         band: tuple[float, float],
         passivity: Passivity | None,
     ) -> Promise:
-        """The error of e over a band, m/s, with the conditions in which it was found."""
+        """The largest error of e over a band, with the conditions in which it was found.
+
+        error: of e. band: lowest and highest impact speed, m/s. passivity: of the test of energy;
+        None where there was none.
+        """
         target = self.target
         curve = target.curve
         if len(target.points) == 1:
             _speed, e = target.points[0]
             curve = ConstantRestitution(e)
         rows = len(setting.options.get("rows", ()))
-        # A body that meets at more points at once would gain energy; at others e is another.
+        # The promise is for this number of contact points if a flat face gains energy, or if the
+        # rows were sized for several points: with another number e is another. 0: for any.
         corners = 0
         gains = passivity is not None and passivity.flat is False
         if gains or (rows and target.corners > 1):
@@ -435,10 +452,10 @@ class _Finder:
         )
 
     def _exact_if_compiled(self, asked: Kind | None) -> Choice | None:
-        """The plug-in; None, and the reason kept, where it cannot be compiled and was not asked
-        for.
+        """The choice with the plug-in; None where there is none, or where it cannot be compiled.
 
-        Raises NotCompiled where it was asked for.
+        asked: the kind that the user prefers, or None. Raises NotCompiled where that is "exact";
+        else `left_out` has the reason.
         """
         try:
             return self._exact()
@@ -455,11 +472,12 @@ class _Finder:
         return first(registry.preferred(self.engine), Role.LAW, self.scene.form, native=False)
 
     def _exact(self) -> Choice | None:
-        """The plug-in, whose e is what its card says at any step; its energy is measured.
+        """The choice with the plug-in: its error of e is the one that the recipe states, its energy
+        is measured here.
 
-        None where the engine has none for such a target, where it is exact nowhere in the band,
-        where a launch gives no e, and where energy grows. Where the engine is missing or fails its
-        energy is not measured. Raises NotCompiled.
+        None where the engine has no plug-in for such a target, where it is exact nowhere in the
+        band, where a launch gives no e, and where energy grows. Where the engine is missing or
+        fails, energy is not measured. Raises NotCompiled.
         """
         target = self.target
         recipe = self._law()
@@ -514,10 +532,10 @@ class _Finder:
 
 
 def exact_from(recipe: Recipe, target: Target) -> float:
-    """The impact speed, m/s, from which a law in place of the contact is exact, within the target's
-    band.
+    """The impact speed, m/s, from which the law of a plug-in is exact, within the target's band.
 
-    The band's lowest speed at least; the highest or more where it is exact nowhere in the band.
+    It is at least the band's lowest speed, and above the highest where the law is exact nowhere in
+    the band. A recipe's `exact_above` is that speed over g h, by the e at it.
     """
     low = target.speed_min
     # e at that speed decides how high the speed is: a fixed point.
@@ -544,10 +562,14 @@ def tune(
     progress: Callable[[int, int], None] | None = None,
     max_error: float = MAX_ERROR,
 ) -> Tuned:
-    """A setting that matches a target, evaluated under the target's gravity and friction.
+    """Find a setting that matches a target, evaluated under the target's gravity and friction.
 
-    Arguments and errors as of `find_answer`, whose choice it is.
-    progress: called with the evaluations of a search (done, at most).
+    engine: a registered name. recipe: the name of one of its recipes, or "auto". match: what "auto"
+    aims at. integrator: of an engine that has several; None for the recipe's own. progress: called
+    with the evaluations of a search (done, at most). max_error: of e, within which the simplest
+    setting will do.
+    Raises SettingError where no recipe can serve the target, EngineMissing, EngineFailed, and
+    SearchInterrupted with the best so far where an interrupt ends a search.
     """
     with report_progress(progress):
         return find_answer(

@@ -54,11 +54,14 @@ def tune_landing(
     rebound: float,
     output: Output,
 ) -> TunedModel:
-    """Find a setting of the feet with a rebound, m, with which nothing else is worse.
+    """Find a setting of a robot's feet with which its centre of mass rebounds by so much, and with
+    which nothing else of its landing is worse.
 
-    before: the landing of the model as it is, which is the answer where it has the rebound. Else
-    the answer is the first setting that has it; or that which makes least worse, with the rebound
-    nearest to it that is possible.
+    source, requests: the model, and one request for each foot with the floor. before: the landing
+    of the model as it is, which is the answer where it has the rebound. rebound: the target, m.
+    output: where the texts are to be written.
+    Else the answer is the first setting that has the rebound and makes nothing worse; or the one
+    that makes the fewest quantities worse, of those whose rebound is nearer than the model's.
     """
     if before.meets(rebound):
         return _tuned(None, LandingChange(before, before, rebound), output)
@@ -67,15 +70,17 @@ def tune_landing(
     def judged(
         settings: Iterable[ModelSetting], most: int, is_good: Callable[[_Judged], bool]
     ) -> list[_Judged]:
-        """Whole tests of settings, up to the first that is good."""
-        every: list[_Judged] = []
+        """Drop the robot with each setting, up to the first that is good or to `most` settings."""
+        dropped: list[_Judged] = []
         for setting in settings:
             test = engine.landing(setting.source, requests, before)
-            every.append(_Judged(setting, test, tuple(test.worse_than(before, rebound))))
-            if is_good(every[-1]) or len(every) == most:
+            dropped.append(_Judged(setting, test, tuple(test.worse_than(before, rebound))))
+            if is_good(dropped[-1]) or len(dropped) == most:
                 break
-        return every
+        return dropped
 
+    # `found` has lazy searches: settings that met the rebound in a quick drop, those that came
+    # nearest without making anything worse, and those that trade another quantity for it.
     tried = judged(found.meeting, _JUDGED, lambda one: one.meets(rebound))
     if not any(one.meets(rebound) for one in tried):
         tried += judged(found.nearest, _NEAREST, lambda one: not one.worse)
@@ -110,7 +115,10 @@ def _nearer(tried: Sequence[_Judged], before: DropTest, rebound: float) -> list[
 
 
 def _tuned(setting: ModelSetting | None, change: LandingChange, output: Output) -> TunedModel:
-    """The answer with a setting; None: with the model as it is."""
+    """The answer with a setting of the feet; with the model as it is for None.
+
+    change: the landing before and after. output: where the texts are to be written.
+    """
     name = AS_IT_IS
     texts = Texts("")
     notes: tuple[str, ...] = ()

@@ -122,9 +122,13 @@ def tune_job(
     """Find the simplest setting whose e is within `max_error` of the target for all pairs at once,
     or the nearest.
 
-    requests: one a pair; their speeds span the band. A loose box is tried on face, edge and vertex.
-    output: where the texts are to be written. Files are run in a worker. UserError for a pair that
-    cannot meet.
+    A model in a file is run in a worker. A loose box is tried on face, edge and vertex.
+
+    source: the model. requests: one a pair; their speeds span the band. wanted: e over speed, what
+    Adams or Newton state, or a robot's rebound. engine: its name; None for the one that opens the
+    model. max_error: of e, within which the simplest setting will do. limit: s, after which the
+    model counts as hung. output: where the texts are to be written.
+    Raises UserError for a pair that cannot meet.
     """
     if len(requests) == 0:
         raise UserError("requests", "none", "one a pair")
@@ -158,9 +162,13 @@ def tune_job(
 
 @dataclass(frozen=True, slots=True)
 class _Try:
-    """A setting that was tried: how the model stands with it, its largest error of e, how many
-    quantities of the model at rest it makes worse, whether it throws up what slides where the model
-    did not; its pairs and landing where they were judged.
+    """A setting that was tried.
+
+    standing: how the model stands with it.
+    error: its largest error of e, infinite where a launch has none.
+    worse: how many quantities of the model at rest it makes worse.
+    throws_up: it throws up bodies that slide, where the model as it is did not.
+    pairs, landing: results at held-out launches and of a drop of the robot; None until judged.
     """
 
     setting: ModelSetting
@@ -173,8 +181,8 @@ class _Try:
 
 
 def _require_known_version(engine: Engine, output: Output) -> None:
-    """Refuse to write for another engine than the model's, or for a version that hcbench was never
-    tried with.
+    """Raise UserError where the output is for another engine than the model's, or for a version of
+    it with which hcbench was never tried.
     """
     if not output.version or engine.backend is None:
         return
@@ -217,12 +225,13 @@ def _tuned(job: Job) -> TunedModel:
         return engine.open(rebuild() if rebuild else source, request, rebuild)
 
     wanted = job.wanted or _of_spring(job, requests, as_it_was)
-    # Each pair as it can lie, with the attitude's name.
+    # Each pair in each way that its body can lie (face, edge, vertex), with that way's name.
     attitudes: list[tuple[str, Request]] = []
     for request in requests:
         attitudes += engine.attitudes(source, request)
     before = engine.standing(source, None, requests)
     tries: list[_Try] = []
+    # One request for each attitude of each pair: a setting has to hold in all of them.
     alike = [request for _, request in attitudes]
     for setting in engine.model_settings(
         source, alike, wanted, before, rebuild, job.output.version
@@ -287,8 +296,12 @@ def _in_order(
     wanted: RestitutionCurve,
     max_error: float,
 ) -> list[_Try]:
-    """The tries, the best first; with the model as it is (`stays`) before all, unless the best is
-    nearer to the target and makes nothing worse, or is near enough where the model is not.
+    """The tries, the best first, and among them the model as it is.
+
+    tries: at least one. stays: the model as it is. wanted: e over speed. max_error: of e; nearer
+    than that counts alike.
+    The model as it is comes first if the best try's error is not below its own (or its own is near
+    enough, where the best try makes something worse); else last, or nowhere if it has no e.
     """
     # What throws up a body that slides gives it energy: the nearest of the others is better.
     order = sorted(
@@ -297,7 +310,8 @@ def _in_order(
     nearest = order[0].error
     if order[0].worse or order[0].throws_up:
         nearest = max(nearest, min(max_error, MAX_ERROR))
-    # A few launches are enough to see that a model is far from its target.
+    # `stays.error` is of few launches, enough to see that a model is far from its target; a model
+    # that looks near is launched as the tries were.
     if stays.error <= nearest and _tried(stays.setting, requests, wanted, nearest) <= nearest:
         return [stays, *order]
     return [*order, stays] if math.isfinite(stays.error) else order
@@ -316,10 +330,10 @@ def _best(
     """The first try, in order, with which a robot lands no worse, if its error is within a limit;
     else the first that bounces at all.
 
-    requests: one a pair. attitudes: of each pair as it can lie, with the attitude's name.
-    landed: the robot as it is; None for a model without a robot. limit: error of e that is allowed;
-    enough: of the model as it is. order: the best first. Raises EngineFailed where no launch has an
-    e.
+    requests: one a pair. attitudes: of each pair as it can lie, with the attitude's name. wanted: e
+    over speed. landed: the robot as it is; None for a model without a robot. limit: error of e that
+    is allowed; enough: of the model as it is. order: the best first. Raises EngineFailed where no
+    launch has an e.
     """
     # In order: what lands worse, then the first that lands no worse but is not near enough.
     others: list[_Try] = []
@@ -355,10 +369,11 @@ def _best(
 def _dropped(
     engine: TunesModels, requests: Sequence[Request], tried: _Try, landed: DropTest | None
 ) -> _Try:
-    """The try with its landing, by dropping the robot with the setting; the try itself without a
-    robot.
+    """Drop a robot with the setting of a try, and return the try with its landing; the try itself
+    without a robot.
 
-    requests: one a pair. landed: the robot as it is; None for a model without a robot.
+    requests: one a pair. tried: the try. landed: the robot as it is; None for a model without a
+    robot.
     """
     if landed is None:
         return tried
@@ -371,9 +386,10 @@ def _dropped(
 def _bouncing(
     tried: _Try, attitudes: Sequence[tuple[str, Request]], wanted: RestitutionCurve
 ) -> _Try | None:
-    """The try with its pairs judged; None where a launch has no e.
+    """Measure the pairs with the setting of a try, and return the try with what they do; None where
+    a launch has no e.
 
-    attitudes: of each pair as it can lie, with the attitude's name.
+    attitudes: of each pair as it can lie, with the attitude's name. wanted: e over speed.
     """
     pairs = tried.pairs or _measured(tried.setting.open, attitudes, wanted, held_out=True)
     if not all(math.isfinite(pair.max_error) for pair in pairs):
@@ -397,7 +413,8 @@ def _promise(
 ) -> Promise:
     """The promise of a setting for the pair of a request, over its band of speeds, m/s.
 
-    launched: what was asked and measured of all pairs, in each of their attitudes.
+    name: of the setting. wanted: e over speed. launched: what was asked and measured of all pairs,
+    in each of their attitudes.
     """
     theirs = [measured for asked, measured in launched if asked.pair == request.pair]
     band = min(request.speeds), max(request.speeds)
@@ -408,7 +425,8 @@ def _promise(
 def _of_spring(
     job: _TuneJob, requests: Sequence[Request], opened: Callable[[Request], ModelUnderTest]
 ) -> RestitutionCurve:
-    """e that a contact by stiffness and damping has between bodies of the pairs' effective mass.
+    """The curve e(v) of a contact by stiffness and damping (`job.spring`) between bodies of the
+    pairs' effective mass, over the band of all requests.
 
     opened: opens the model for the request of a pair. Raises UserError for pairs of different
     effective masses, on which that e depends.
@@ -431,10 +449,11 @@ def _of_spring(
 def _tried(
     setting: ModelSetting, requests: Sequence[Request], wanted: RestitutionCurve, enough: float
 ) -> float:
-    """The largest error of e in some launches of each pair with a setting.
+    """The largest error of e in a few launches of each pair with a setting; infinite where one has
+    no e.
 
-    requests: one a pair. enough: error that is near enough; from far above it the pairs that are
-    left are not launched.
+    requests: one a pair. wanted: e over speed. enough: error of e that is near enough: after a pair
+    far above it, the pairs that are left are not launched.
     """
     worst = 0.0
     for request in requests:
@@ -450,6 +469,8 @@ def _tried(
 def _lift(opened: Callable[[Request], ModelUnderTest], requests: Sequence[Request]) -> float:
     """The largest difference of e between launches that slide and those that do not, of one speed
     along the normal; infinite where one has no e or cannot slide.
+
+    opened: opens the model for a request. requests: one a pair.
     """
     largest = 0.0
     phases = tuple((i + 0.5) / _TRIED_PHASES for i in range(_TRIED_PHASES))
@@ -461,6 +482,7 @@ def _lift(opened: Callable[[Request], ModelUnderTest], requests: Sequence[Reques
                 impacts = impacts_in(model, sent.launches())
         except UserError:
             return math.inf
+        # e of the launch straight down, by speed along the normal and phase.
         straight = {}
         for impact in impacts:
             if not impact.launch.is_oblique:
@@ -479,10 +501,12 @@ def _measured(
     wanted: RestitutionCurve,
     held_out: bool,
 ) -> tuple[TunedPair, ...]:
-    """Each pair in each attitude, at both ends of its band too; less finely where not held out.
+    """Measure e(v) of each pair in each attitude, in this order.
 
-    opened: opens the model for a request. attitudes: of each pair as it can lie, with the
-    attitude's name.
+    opened: opens the model for a request. attitudes: (name, request) of each pair in each way that
+    its body can lie. wanted: e over speed. held_out: whether to measure at speeds and phases that no
+    search used, and nearer and nearer to the worst; else at three speeds of the band, enough to see
+    that a setting is far off.
     """
     pairs = []
     for attitude, request in attitudes:
@@ -497,8 +521,9 @@ def _measured(
 
 
 def _speeds(request: Request, held_out: bool) -> list[float]:
-    """Speeds over the band of a request, m/s; held out: its ends, and
-    those that lie between others.
+    """Speeds over the band of a request, m/s, rising, evenly over their logarithm.
+
+    held_out: the ends of the band, and speeds that lie between those that a search uses.
     """
     low = min(request.speeds)
     high = max(request.speeds)
@@ -524,14 +549,16 @@ def _measured_pair(
     wanted: RestitutionCurve,
     halvings: int = 0,
 ) -> TunedPair:
-    """Launched at these speeds, at phases over the whole step.
+    """Measure one pair: e(v) and the errors of e at these speeds, each at phases over the whole
+    step.
 
-    speeds: m/s. With halvings the setting is also judged by launches that no search saw.
-    halvings: how often speeds between the worst one and its neighbours are added, to
-    look for a larger error; each speed is then launched at the phases between which e
-    differs, too, as `measure` does.
+    opened: opens the model for a request. speeds: m/s. phases: how many a speed. wanted: e over
+    speed.
+    halvings: how often speeds between the worst one and its neighbours are added, to look for a
+    larger error; each speed is then launched at the phases between which e differs, too, as
+    `measure` does, and the setting is also judged by launches that no search saw.
     """
-    # Parts of a step.
+    # Where in a step the bodies touch, 0 to 1.
     shares = tuple((i + 0.4) / phases for i in range(phases))
     by_speed: dict[float, list[Impact]] = {}
     with opened(request) as model:
@@ -578,9 +605,11 @@ def _judged(
     """
     low = min(request.speeds)
     high = max(request.speeds)
+    # Of the band, in logarithms: 0 for a band of one speed.
     width = math.log(high / low)
 
     def launched(shares: Floats, phases: Floats) -> list[Impact]:
+        """Impacts at shares of the band's logarithm, cut at 0 and 1, and at phases, modulo 1."""
         speeds = low * np.exp(width * np.clip(shares, 0.0, 1.0))
         places = zip(speeds.tolist(), (phases % 1.0).tolist(), strict=True)
         return impacts_in(model, [Launch(v, phase, request.height) for v, phase in places])
@@ -591,12 +620,14 @@ def _judged(
     for closer in range(_ROUNDS):
         by_error = sorted([*before, *impacts], key=lambda impact: _error([impact], wanted))
         worst = [impact.launch for impact in by_error[-_WORST:]]
-        away = _NEARBY / 4.0**closer * random.uniform(-1.0, 1.0, (2, _NEAR_LAUNCHES, len(worst)))
+        reach = _NEARBY / 4.0**closer
+        # Random steps away from each of the worst, in the band and in the phase.
+        along_band, along_step = reach * random.uniform(-1.0, 1.0, (2, _NEAR_LAUNCHES, len(worst)))
         shares = [0.0] * len(worst)
         if width:
             shares = [math.log(launch.speed / low) / width for launch in worst]
         phases = [launch.phase for launch in worst]
-        impacts += launched((shares + away[0]).ravel(), (phases + away[1]).ravel())
+        impacts += launched((shares + along_band).ravel(), (phases + along_step).ravel())
     return impacts
 
 

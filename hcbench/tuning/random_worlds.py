@@ -140,7 +140,11 @@ class RandomWorlds(Shown):
 
     @property
     def failures(self) -> list[str]:
-        """Reasons why the worlds do not have what was asked, in words; empty where they do."""
+        """Reasons why the worlds do not have what was asked, in words; empty where they do.
+
+        They have it if e (and friction) of the launches is uniform over its band, or equals its one
+        number; if no launch gains energy; and if no world rests worse than the model as it is.
+        """
         found = []
         for name, p, band, errors in (
             ("e", self.p_restitution, self.restitution_band, self.errors),
@@ -247,9 +251,11 @@ class RandomWorlds(Shown):
 
 
 def p_uniform(values: Floats, band: Band) -> float:
-    """Chance of values as far from uniform over a band, by the test of Kolmogorov and Smirnov.
+    """Chance that values drawn uniformly over a band lie as far from uniform as these, by the test
+    of Kolmogorov and Smirnov.
 
-    NaN for a band of one number. SciPy's `kstest` gives the same to 1e-3 from 40 values on.
+    values: (n,). band: lowest and highest, in the unit of the values. NaN for a band of one number.
+    It takes the distribution for large n: SciPy's `kstest` gives the same to 1e-3 from 40 on.
     """
     low, high = band
     if not high > low:

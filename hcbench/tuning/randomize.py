@@ -223,7 +223,11 @@ def _each_pair(pair: BodyPair | Sequence[BodyPair] | None) -> list[Any]:
 
 
 def read_band(band: object, quantity: str) -> Band:
-    """Lowest and highest value of "0.3:0.6", two numbers or one. Raises QuantityError."""
+    """Lowest and highest value of a band: text such as "0.3:0.6", two numbers, or one for both.
+
+    quantity: name of the slot and of its unit, "restitution" or "friction". Raises QuantityError
+    for text that is not a number, UserError for more than two or a first above the second.
+    """
     ends: Iterable[Any] = [band]
     if isinstance(band, str):
         ends = band.split(":")
@@ -236,10 +240,11 @@ def read_band(band: object, quantity: str) -> Band:
 
 
 def _randomized(job: Job) -> RandomWorlds:
-    """Find a family of contacts that reaches the band and rests as well as the model as it is; draw
-    from it, and certify.
+    """Find the first family of contacts that reaches the job's band of e, rests as well as the model
+    as it is and throws up nothing that slides; draw the worlds from it, and certify them.
 
-    Raises UserError where no family reaches the band, with what each reaches.
+    Raises UserError for an engine without contacts for each world, for a band of friction of a pair
+    without friction, and where no family will do: with the widest band that was reached.
     """
     assert isinstance(job, _RandomizeJob)
     requests = (job.request, *job.others)
@@ -260,9 +265,11 @@ def _randomized(job: Job) -> RandomWorlds:
             faults.append(f"{family.name}: {fault[0]}")
             continue
         frictions = _frictions(job)
-        # Closer near 0, where e changes fastest.
+        # A first look at one friction: it costs least, and shows most families that cannot reach.
+        # Nodes are closer near 0, where e changes fastest.
         few = MOST_NOMINAL * np.linspace(0.0, 1.0, _FEW_NODES) ** 2
-        maps = _measured_maps(family, requests, frictions[len(frictions) // 2 :][:1], few)
+        middle = len(frictions) // 2
+        maps = _measured_maps(family, requests, frictions[middle : middle + 1], few)
         if _covers(maps.reach, job.restitution, _SLACK):
             maps = _measured_maps(family, requests, frictions, maps.nodes(job.restitution))
         if not _covers(maps.reach, job.restitution):
@@ -275,7 +282,12 @@ def _randomized(job: Job) -> RandomWorlds:
 
 
 def _out_of_reach(job: _RandomizeJob, reached: list[Band], faults: list[str]) -> UserError:
-    """The error for a band of e that no family of contacts has in this model."""
+    """The error to raise for a band of e that no family of contacts has in this model.
+
+    job: the band that was asked for. reached: the bands of e that families have; the widest is
+    named. faults: why others were passed over, as sentences; the last is named where no band was
+    reached at all.
+    """
     asked = f"{job.restitution[0]:g}:{job.restitution[1]:g}"
     if not reached:
         return UserError("restitution", asked, f"a contact that rests as well ({faults[-1]})")
@@ -289,10 +301,11 @@ def _out_of_reach(job: _RandomizeJob, reached: list[Band], faults: list[str]) ->
 def _rise_in(
     family: ContactFamily, maps: _Maps, requests: Sequence[Request], job: _RandomizeJob
 ) -> float:
-    """Largest rise of e by sliding, at both ends of the job's band of e and with its highest μ.
+    """Largest rise of e of a launch that slides over one straight down, at both ends of the job's
+    band of e and with its highest μ.
 
-    maps: tell the nominal e at which the family has an e of the band. Infinite where a launch has
-    no e.
+    maps: give the nominal e with which the family's contact has a measured e. requests: one a pair.
+    Infinite where a launch has no e.
     """
     mu = None if job.friction is None else job.friction[1]
 
@@ -306,8 +319,10 @@ def _rise_in(
 
 
 def _rise(opened: Callable[[Request], ModelUnderTest], requests: Sequence[Request]) -> float:
-    """Largest rise of e, by where a launch slides, over that of a launch straight down; infinite
-    where one has no e, 0 where the pair cannot slide.
+    """Largest e of a launch that slides minus e of one straight down, of one speed along the normal
+    and one phase; infinite where a launch has no e, 0 where no pair can slide or e only falls.
+
+    opened: opens the model for a request. requests: one a pair; the ends of their bands are used.
     """
     phases = tuple((i + 0.5) / _OBLIQUE_PHASES for i in range(_OBLIQUE_PHASES))
     largest = 0.0
@@ -374,12 +389,14 @@ class _Maps:
         return np.unique([self.nominal[0], *found, self.nominal[-1]])
 
     def nominal_of(self, restitution: Floats, friction: Floats | None) -> Floats:
-        """Nominal e by which each kind has an e at a friction, (n, kinds).
+        """Nominal e with which each kind of pair has a measured e at a friction: (n, kinds).
 
-        restitution: (n,), within reach. friction: (n,).
+        restitution: measured e of n worlds, (n,), within reach. friction: their μ, (n,); None for
+        the model's own. Linear between the frictions at which e was measured.
         """
         found = np.empty((len(restitution), len(self.kinds)))
         for kind, curves in enumerate(self.measured):
+            # Nominal e of each world at each of the measured frictions, (frictions, n).
             at_each = np.array([_inverse(curve, self.nominal, restitution) for curve in curves])
             if friction is None or len(self.frictions) == 1:
                 found[:, kind] = at_each[0]
@@ -393,9 +410,11 @@ class _Maps:
 
 
 def _inverse(measured: Floats, nominal: Floats, restitution: Floats) -> Floats:
-    """Nominal e of measured ones, linear between the nodes, whose curve hardly bends.
+    """Nominal e at which the measured e is this, by lines between the nodes, whose curve hardly
+    bends: (n,).
 
-    measured, nominal: (nodes,), the first rising or equal.
+    measured, nominal: e of the nodes, (nodes,), both rising; measured ones may be equal.
+    restitution: e asked for, (n,); the end's nominal e is given for one beyond the nodes.
     """
     # Of nodes with one e the last one is kept: below it e does not change.
     differs = np.append(np.diff(measured) > _SAME_E, True)
@@ -418,7 +437,8 @@ def _measured_maps(
 ) -> _Maps:
     """Measure e of a family over its nominal e, for each kind of pair and friction.
 
-    frictions: μ, (m,). nominal: (nodes,), rising.
+    requests: one a pair; e is the mean over their speeds and over the phases of a step.
+    frictions: μ, (m,); NaN for the model's own. nominal: (nodes,), rising.
 
     Nodes without an e, and those beyond which e falls, are left out of a map: its reach ends there.
     """
@@ -440,9 +460,10 @@ def _measured_maps(
 
 
 def _rising(measured: Floats) -> slice:
-    """The longest run of nodes at which all have an e, and along which no e falls by much.
+    """The longest run of nodes at which each kind of pair has an e at each friction, and along which
+    none of these falls by more than `_FALLS`; as a slice of the last axis.
 
-    measured: (kinds, frictions, nodes).
+    measured: e, (kinds, frictions, nodes).
     """
     longest = slice(0, 1)
     start = 0
@@ -458,11 +479,16 @@ def _rising(measured: Floats) -> slice:
 
 
 def sliced(worlds: int, dimensions: int, random: np.random.Generator) -> tuple[Floats, Whole]:
-    """(numbers from 0 to 1, (n, dimensions); numbers of the worlds of a tenth, rising), each evenly
-    spread: one number in each n-th part, and the tenth's in each of its larger parts.
+    """Draw numbers that are spread evenly, over all worlds and over a tenth of them, too.
+
+    worlds: how many, n. dimensions: numbers a world. random: draws them.
+    Returns the numbers, 0 to 1, (n, dimensions), and the indices of the worlds of the tenth,
+    rising. In each dimension every n-th part of 0 to 1 has one number, and each of the tenth's
+    larger parts has one number of the tenth (a few may lack where the tenths are not equal).
 
     P. Z. G. Qian, Sliced Latin hypercube designs, 2012.
     """
+    # A smaller share than a tenth would be too few worlds to certify.
     slices = max(1, min(_SHARE, worlds // _LEAST_CERTIFIED))
     size = -(-worlds // slices)
     columns = []
@@ -488,10 +514,11 @@ def _drawn(
     job: _RandomizeJob,
     before: Standing,
 ) -> RandomWorlds:
-    """Draw the worlds of a family, and certify some of them by launches.
+    """Draw the worlds of a family, certify some of them by launches, and let the model stand with
+    the contacts at the corners of the bands of e and friction.
 
-    maps: tell the nominal e at which a kind of pair has an e. requests: one a pair. before: the
-    model as it is, at rest.
+    maps: give the nominal e with which a kind of pair has a measured e. requests: one a pair.
+    before: the model as it is, at rest. Raises what the engine raises.
     """
     random = np.random.default_rng(job.seed)
     shares, certified = sliced(job.worlds, 2, random)
@@ -535,10 +562,11 @@ def _certificate(
     certified: Whole,
     random: np.random.Generator,
 ) -> Certificate:
-    """Launch the pairs in some of the worlds, each world one pair, at phases that no map saw.
+    """Launch bodies in some of the worlds at phases that no map used: in each world one pair, the
+    pairs in turn. With a band of friction, launch them sliding, too.
 
     models: opened, one a pair. requests: of these. parameters: of all worlds, by name. certified:
-    numbers of the worlds to launch in, (n,). random: draws the phases.
+    indices of the worlds to launch in, (n,). random: draws the phases.
     """
     speeds = np.array(job.request.speeds)
     sliding = None
@@ -589,23 +617,27 @@ def _sliding_launches(
     """Oblique launches of each pair that slide throughout, in worlds with the most friction.
 
     models: opened, one a pair; they are left with other parameters than those of a world.
-    requests: of these.
+    requests: of these. One request a pair is returned: the smallest angle from which friction's
+    share of the impulse no longer changes, or else the largest angle.
     """
     assert job.friction is not None
     most = job.friction[1]
     sent = []
     for model, request, mobility in zip(models, requests, family.mobility, strict=True):
         family.set(model, family.one(job.restitution[1], most), 0)
+        # Tangent of the angle at which friction just stops a body, by impulses.
         stops = mobility * (1.0 + job.restitution[1]) * most
-        tried = [
-            dataclasses.replace(
-                request, speeds=(min(request.speeds),), angle=(math.atan(slips * stops),)
-            )
-            for slips in _SLIPS
-        ]
-        measured = [_friction_of(impacts_in(model, each.launches())) for each in tried]
+        slowest = (min(request.speeds),)
+        tried = []
+        measured = []
+        for slips in _SLIPS:
+            angle = math.atan(slips * stops)
+            oblique = dataclasses.replace(request, speeds=slowest, angle=(angle,))
+            tried.append(oblique)
+            measured.append(_friction_of(impacts_in(model, oblique.launches())))
         alike = np.abs(np.diff(measured)) <= _SAME_FRICTION * most
-        sent.append(tried[int(alike.argmax()) if alike.any() else -1])
+        chosen = int(alike.argmax()) if alike.any() else -1
+        sent.append(tried[chosen])
     return sent
 
 

@@ -103,8 +103,8 @@ class Tuned(Drawn):
 
     @property
     def _gain(self) -> str:
-        """The gain of energy in any launch or drop, as a phrase; "" for none, and where the warning
-        of the passivity test names it.
+        """Phrase on a gain of energy in any launch or drop, with the largest e; "" for none, and
+        where the warning of the passivity test names it already.
         """
         if not self.max_e > MOST_ADVISED or self.passivity.bounces.max_e > MOST_E:
             return ""
@@ -115,14 +115,15 @@ class Tuned(Drawn):
 def make_tuned(
     recipe: Recipe, why: str, target: Target, scene: Scene, integrator: str | None
 ) -> Tuned:
-    """A recipe's setting, evaluated in its engine: errors of e, energy and rest of a ball.
+    """Find the setting of a recipe for a target and evaluate it in its engine: errors of e, energy,
+    and rest of a ball.
 
-    why: it was chosen, as a sentence. integrator: None for the recipe's own.
+    why: it was chosen, as a phrase for the user. integrator: None for the recipe's own.
     Raises SettingError where the recipe cannot serve the target, and what the engine raises.
     """
     adapter = registry.engine(recipe.engine)
     setting = recipe(target, integrator)
-    # A text need not write what bodies have anyway.
+    # A friction that the user's bodies have without the text, and did not ask for, is left to them.
     is_theirs = adapter.keeps_friction and not target.friction_asked
     if target.friction and not is_theirs:
         setting = adapter.with_friction(setting, target.friction)
@@ -168,10 +169,11 @@ def _advice(
     recipe: Recipe,
     recipes: Sequence[Recipe],
 ) -> Iterator[str]:
-    """Yield sentences that a user of the setting must know.
+    """Yield phrases that warn the user of a setting: no better than one e, soft, restless, or with
+    other forces than the law's.
 
     evaluation: of its launches. rest: after a drop. recipe: the setting's. recipes: all of its
-    engine's.
+    engine's, of which one may be recommended.
     """
     depth = evaluation.penetration_max
     radius = scene.relative_radius
@@ -196,8 +198,8 @@ def _advice(
 
 
 def _better(target: Target, scene: Scene, recipes: Sequence[Recipe]) -> str:
-    """Recommend ways to an e that falls with speed, to follow a sentence on the constant e; "" for
-    none.
+    """Recommendations of another way to an e that falls with speed, as phrases that follow a
+    sentence on the constant e, each after "; "; "" for none.
 
     recipes: all of the engine's.
     """

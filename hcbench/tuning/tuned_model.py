@@ -88,8 +88,10 @@ class LandingChange:
 
     @property
     def extreme(self) -> str:
-        """The word for the rebound that `reach` has: "nearest" where it is beyond the target, as seen
-        from the model as it is.
+        """The word for the rebound that is in `reach`: "largest" or "smallest" where it stops short
+        of the target, as seen from the model as it is; "nearest" where it lies beyond the target.
+
+        Only for a landing with a `reach`.
         """
         assert self.reach is not None
         target = self.rebound or 0.0
@@ -104,7 +106,9 @@ class LandingChange:
 
     @property
     def misses(self) -> str:
-        """Reasons why the target is not met, as a phrase."""
+        """Reasons why the target is not met, as a phrase: a worse landing, chance, or a rebound
+        that is out of reach. It says nothing of use where the target is met.
+        """
         if self.reach is None and self.worse:
             return f"the robot lands worse with it: {'; '.join(self.worse)}"
         if self.reach is None:
@@ -210,8 +214,10 @@ class TunedModel(Shown):
 
     @property
     def gains(self) -> bool:
-        """True if e is near enough to the target, or nearer than in the model as it was; of a robot
-        also only if it lands no worse. So it is of a model that needs no setting.
+        """True if e is near enough to the target, or clearly nearer than in the model as it was, and
+        a robot lands no worse; where the target is a rebound, if that is met.
+
+        True also of a model that needs no setting because it is near enough as it is.
         """
         if self.landing is not None and self.landing.rebound is not None:
             return self.landing.is_met
@@ -237,8 +243,8 @@ class TunedModel(Shown):
 
     @property
     def flat(self) -> bool | None:
-        """True if a body that meets on faces never gains energy in a launch; None without such a
-        body.
+        """True if no body that meets at several points (a face, an edge) gained energy in a launch:
+        no e above 1 but for rounding; None without such a body.
         """
         highest = []
         for pair in self.pairs:

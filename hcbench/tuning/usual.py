@@ -54,10 +54,11 @@ class Question(NamedTuple):
 
 
 def usual_answers(study: Mapping[str, Any], versions: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Answers to the usual questions for a study's α, of the engines in these versions.
+    """Answers to the usual questions, read from the file, for a study's α and engines.
 
-    study: as JSON, with the numbers of its ball and its `alphas`, s/m. versions: by engine.
-    Empty where its ball is another. Each has the keys of `Question` and of `Answer.record`.
+    study: as JSON, with the numbers of its ball and its `alphas`, s/m. versions: of the engines
+    that are installed, by engine; answers that were found with another version are left out.
+    Each has the keys of `Question` and of `Answer.record`. Empty where the study's ball is another.
     """
     known = file_content()
     for name in _PLACE:

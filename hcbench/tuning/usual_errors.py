@@ -78,9 +78,11 @@ class Condition(NamedTuple):
 
 
 def row(condition: Condition, alpha: float) -> Row:
-    """Answer of `hcbench tune` in these conditions for one α, s/m: [α, settings, constant].
+    """Answer of `hcbench tune` in these conditions for one α, s/m, found by a search: a row
+    [α, settings, constant].
 
-    The two are [name, largest error of e], or None for no such choice and where no recipe serves.
+    The two choices are [name, largest error of e], or None for no such choice and where no recipe
+    serves. Raises EngineMissing, and EngineFailed where the engine fails.
     """
     scene, target = _asked(condition, alpha)
     try:
@@ -95,19 +97,23 @@ def row(condition: Condition, alpha: float) -> Row:
 
 
 def lows(condition: Condition) -> list[list[float]]:
-    """Slowest speeds at which the plug-in is exact: pairs of an α, s/m, and the speed up to this α,
-    m/s.
+    """Slowest impact speeds at which the plug-in delivers e exactly, as pairs [α, speed], s/m and
+    m/s, in rising order.
 
-    α of equal speeds are one pair; the list ends where the plug-in is exact nowhere in the band.
+    Each speed holds for all α from that of the pair before up to its own. The list ends at the α
+    above which the plug-in is exact nowhere in the band.
+
+    condition: engine, step, gravity and band of speeds.
     """
     recipe = first(registry.preferred(condition.engine), Role.LAW, "plane", native=False)
     assert recipe is not None
     steps: list[list[float]] = []
     for alpha in FINE_ALPHAS:
-        target = _asked(condition, alpha)[1]
+        _, target = _asked(condition, alpha)
         low = float(f"{exact_from(recipe, target):.4g}")
         if not low < target.speed_max:
             break
+        # Where the speed is that of the pair before, it holds up to this α, too.
         if steps and steps[-1][1] == low:
             steps[-1][0] = alpha
         else:
@@ -190,8 +196,11 @@ def errors_of(engines: Collection[str]) -> list[dict[str, Any]]:
 
 
 def _for_page(condition: dict[str, Any]) -> dict[str, Any]:
-    """A condition as the page has it: names of settings once, and rows with the numbers of the
-    names.
+    """A condition of the file in the shorter form that the page loads.
+
+    Its "names" has each setting's name once. Each of its "rows" is [α, settings, constant, constant
+    up to the next row]. Of these settings and constants each is [index in "names", error of e], the
+    last with the errors at both ends of the way to the next row; or None for none.
     """
     table = condition["rows"]
     numbers: dict[str, int] = {}

@@ -50,7 +50,8 @@ class DartBodies:
             self.world.addSkeleton(ground)
 
     def _body(self, name: str, body: dict[str, Any]) -> tuple[Any, Any]:
-        """(body node, its skeleton), welded to the world or on a free joint at its start.
+        """Make a body of DART at its start, welded to the world or on a free joint: its body node and
+        its skeleton.
 
         name: of the skeleton. body: of a case, SI: position, velocity, spin, mass, or fixed.
         """
@@ -79,9 +80,10 @@ class DartBodies:
 
     @staticmethod
     def _shape(node: Any, solid: Any, e: float, friction: float) -> Any:
-        """Give a body node a shape that collides; returns the shape node.
+        """Give a body node a shape that collides, and return the shape node.
 
-        solid: DART's shape. e, friction: coefficients of its surface.
+        solid: DART's shape. e: restitution of its surface, which DART multiplies with that of the
+        other. friction: of its surface.
         """
         shape = node.createShapeNode(solid)
         shape.createVisualAspect()
@@ -97,6 +99,7 @@ class DartBodies:
         self.world.step()
 
     def state(self) -> list[list[float]]:
+        """Position (m), velocity (m/s) and spin (rad/s) of each body that moves, nine numbers."""
         states = []
         for node, _ in self.moving:
             at = node.getWorldTransform().translation() / self.length

@@ -50,7 +50,8 @@ class DrakeBodies:
         self.simulator.Initialize()
 
     def materials(self, friction: Any) -> None:
-        """Set the properties of balls, of boxes and of the floor.
+        """Make the contact properties of balls (`properties`), of boxes (`patch`) and of the floor
+        (`rigid`), Drake's ProximityProperties.
 
         friction: Drake's CoulombFriction of all of them.
         """

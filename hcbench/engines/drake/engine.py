@@ -66,7 +66,11 @@ class DrakeEngine(DescribesContact, OpensFiles, ScriptedEngine[DrakeOptions]):
     )
 
     def lines(self, options: DrakeOptions, scene: Scene) -> str:
-        """Lines of Python: plant, contact or law, and Simulator."""
+        """Lines of Python that build a plant with the contact or the law of a setting, and a
+        Simulator that steps it.
+
+        options: the setting's. scene: not used: its numbers are names that the lines find.
+        """
         plant, contact, integrator = _parts(options, "timestep")
         before = ""
         after = ""
@@ -93,7 +97,7 @@ class DrakeEngine(DescribesContact, OpensFiles, ScriptedEngine[DrakeOptions]):
         return SpeedReading.TOUCH_PLANE_EXACT_FLIGHT if exact else SpeedReading.TOUCH_PLANE
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """Drake's dissipation of a contact."""
+        """One contact in Drake's parameters: the dissipation that stands for its α, with caveats."""
         note = "d = 1.5 α, on both bodies; continuous plants only"
         name = "hunt_crossley_dissipation"
         value = SystemValue("Drake", name, (1.5 * contact.alpha,), "s/m", note)
@@ -104,9 +108,10 @@ class DrakeEngine(DescribesContact, OpensFiles, ScriptedEngine[DrakeOptions]):
 
 
 def _parts(options: DrakeOptions, timestep: str) -> tuple[str, str, str]:
-    """(lines of the plant, of the properties of both bodies, of the integrator).
+    """Lines of Python in three parts: of the plant, of the properties of both bodies, and of the
+    integrator, "" for a discrete plant.
 
-    timestep: s, as a Python expression. The last is "" for a discrete plant.
+    timestep: of a discrete plant, s, as a Python expression.
     """
     properties = "properties = drake.ProximityProperties()  # of both bodies"
     if given := options.model_dump(include={"dissipation", "point_stiffness"}, exclude_none=True):
@@ -188,8 +193,8 @@ _DEEPEST = 1e-3
 
 
 def _hertz_stiffness(target: Target) -> float:
-    """k, N/m, of the linear spring that goes as deep as the law's at
-    the middle of the band, undamped.
+    """Stiffness, N/m, of the linear spring that goes as deep as the law's spring without damping, at
+    the geometric mean of the target's speeds.
     """
     n = target.law.exponent
     energy = 0.5 * target.mass * target.speed_min * target.speed_max
@@ -207,9 +212,11 @@ def continuous(target: Target) -> dict[str, Any]:
 
 
 def discrete(target: Target) -> dict[str, Any]:
-    """A soft spring: implicit Euler multiplies e by exp(-π ω h/2), ω² = k/m.
+    """Options of a setting of a discrete plant: a spring soft enough that the step takes little of e,
+    with the law's dissipation.
 
-    Gravity, which a contact of π/ω feels, takes about π α g/ω: the two are even at ω² = 2 α g/h.
+    Implicit Euler multiplies e by exp(-π ω h/2), ω² = k/m. Gravity, which a contact of the duration
+    π/ω feels, takes about π α g/ω off e: the two are even at ω² = 2 α g/h.
     """
     h = target.timestep
     law = target.law

@@ -40,8 +40,9 @@ def simulate(
     timestep: float,
     tosses: Sequence[Toss],
 ) -> list[Floats]:
-    """States before the first step and at the end of each, (steps + 1, 13), of each toss: position,
-    quaternion w x y z, velocity and spin in the world, SI.
+    """Simulate tosses of a body onto a plate in a discrete plant: states before the first step and
+    after each, (steps + 1, 13), an array a toss: position, quaternion w x y z, velocity and spin in
+    the world, SI.
 
     values: of the setting's parameters, SI, in its order. timestep: s. tosses: starts, each with
     its number of steps. Raises EngineFailed where Drake fails.
@@ -96,7 +97,8 @@ def _add(
 def _simulate(
     drake: Any, simulator: Any, plant: Any, logger: Any, toss: Toss, timestep: float
 ) -> Floats:
-    """States of one toss, (steps + 1, 13): position, quaternion w x y z, velocity and spin, SI.
+    """Simulate one toss: its states before the first step and after each, (steps + 1, 13): position,
+    quaternion w x y z, velocity and spin, SI.
 
     simulator, plant, logger: Drake's, of one diagram; the logger keeps the plant's state at each
     step. timestep: s. Drake itself has the quaternion before the place, and the spin before the
@@ -113,7 +115,6 @@ def _simulate(
     # A quarter of a step beyond the last one, so that rounding leaves out none.
     simulator.AdvanceTo((toss.steps + 0.25) * timestep)
     rows = log.data().T[: toss.steps + 1]
-    order = [4, 5, 6, 0, 1, 2, 3, 10, 11, 12, 7, 8, 9]
-    states: Floats = rows[:, order].copy()
-    states[:, 7:10] = as_body(states[:, 7:10], timestep)
+    quaternion, position, spin, velocity_at = np.split(rows, [4, 7, 10], axis=1)
+    states: Floats = np.hstack([position, quaternion, as_body(velocity_at, timestep), spin])
     return states

@@ -101,9 +101,8 @@ class DrakeModel(ModelUnderTest):
         return 20.0 + float(self.loaded.plant.num_velocities())
 
     def pair_values(self) -> tuple[float, float]:
-        """(stiffness N/m, dissipation s/m) that Drake's point contact makes of the two shapes'.
-
-        Springs in series; the softer shape's dissipation counts more.
+        """Stiffness, N/m, and dissipation, s/m, of the pair's point contact, as Drake combines those
+        of the two shapes: springs in series, and the softer shape's dissipation counts more.
         """
         first, second = self.place.gap.geometries
         k1 = self.loaded.property(first, STIFFNESS)
@@ -178,8 +177,8 @@ class DrakeModel(ModelUnderTest):
         return found
 
     def _implicit_step(self) -> Iterator[Suspect]:
-        """Suspect the implicit step of a discrete plant, which damps by itself; nothing where that
-        takes little of e.
+        """Suspect the time step of a discrete plant, whose implicit integration damps by itself; at
+        most one suspect, none where that takes less than _NOTABLE of e.
         """
         stiffness, _ = self.pair_values()
         omega = math.sqrt(stiffness / self.mass)
@@ -249,7 +248,9 @@ class DrakeModel(ModelUnderTest):
 
 
 def _require_normal_launches(request: Request) -> None:
-    """Refuse, by UserError, a request that chooses the way in which a pair is sent."""
+    """Raise UserError for a request that chooses how a pair is launched: at an angle, by which
+    joint, or from which side.
+    """
     if request.is_oblique:
         slot = "angle"
     elif request.move is not None:
@@ -308,8 +309,8 @@ class DrakeSimulation(Simulation):
         """Keep the one launch that there is."""
 
     def _step(self) -> tuple[float, float, float]:
-        """Penetration, m, and rate, m/s, before a step, and the force in
-        it, N; NaN where Drake gave up.
+        """Take one step: penetration, m, and its rate, m/s, before it, and the force of the pair in
+        it, N; all NaN where Drake gave up.
         """
         plant = self._loaded.plant
         pair = (self._place.first, self._place.second)
@@ -343,11 +344,11 @@ class DrakeSimulation(Simulation):
         return total
 
     def _of_pair(self, shapes: tuple[Any, Any], force: Any, normal: Any) -> float:
-        """Force that parts the pair, N; 0 for another contact, whose other shape is noted in the
-        model under test.
+        """Share of one contact in the force that parts the pair, N: 0 for a contact of others; if one
+        of the pair touches another shape, the model under test notes that.
 
-        shapes: ids of the two that touch. force: on the first, N, (3,). normal: of the pair, unit
-        vector, (3,), from its first part to the second.
+        shapes: ids of the two that touch. force: on the first of them, N, (3,). normal: unit vector
+        from the pair's first part to the second, (3,).
         """
         first = self._place.first.geometries
         second = self._place.second.geometries
@@ -394,7 +395,8 @@ class OpensFiles(OpensModels):
 
 
 def list_pairs(drake: Any, source: Any, request: Request) -> list[CandidatePair]:
-    """Every pair of shapes that can meet, the one that moves first; those that touch come first.
+    """List every pair of shapes that can meet, in each the one that moves first; pairs that touch
+    come first.
 
     drake: the module pydrake.all. source: one path or several. Raises SceneError for files that do
     not load, UserError for a pose that does not fit.
@@ -419,7 +421,8 @@ def _in_order(loaded: LoadedPlant, both: frozenset[Any]) -> list[Part]:
 
 
 def _described(loaded: LoadedPlant, context: Any, first: Part, second: Part) -> CandidatePair:
-    """A pair of single shapes as a row of the list, in the pose of `context`.
+    """Describe a pair of single shapes in a pose: names, effective mass (kg), signed distance (m) and
+    contact parameters.
 
     context: Drake's, of the plant. first, second: parts of one geometry each. Mass, kg, and
     distance, m, are NaN where Drake does not know the distance.

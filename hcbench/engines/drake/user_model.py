@@ -72,7 +72,11 @@ class LoadedPlant:
     def __init__(
         self, drake: Any, source: Any, request: Request, changes: Mapping[str, Any]
     ) -> None:
-        """Load the files, and finish the plant with the request's step and gravity."""
+        """Load the files, and finish the plant with the request's step and gravity.
+
+        source: one path or several. changes: what fixes have set, "timestep" (s) and "dissipation"
+        (s/m); {} for none. Raises SceneError for a file that is missing or that Drake refuses.
+        """
         sources = source if isinstance(source, list | tuple) else [source]
         paths = [Path(path) for path in sources]
         self.drake = drake
@@ -213,10 +217,11 @@ class LoadedPlant:
         return Gap(float(near.distance), np.asarray(normal), (end_a + end_b) / 2, (a, b))
 
     def _over_half_space(self, query: Any, shape: Any, ground: Any) -> tuple[float, Floats, Floats]:
-        """(signed distance m, the ground's normal, midpoint m) of a shape over a half-space.
+        """Signed distance, m, of a shape over a half-space, the ground's normal, (3,), and the
+        midpoint between the two nearest points, m, (3,).
 
         query: Drake's QueryObject of the pose. shape, ground: ids of the two. Raises UserError for
-        a shape whose farthest point is unknown, as `_farthest` does.
+        a kind of shape whose farthest point along a direction hcbench does not know.
         """
         ground_pose = query.GetPoseInWorld(ground)
         pose = query.GetPoseInWorld(shape)
@@ -228,10 +233,11 @@ class LoadedPlant:
         return distance, up, deepest - 0.5 * distance * up
 
     def _farthest(self, shape: Any, along: Floats) -> Floats:
-        """The point of a shape that is farthest along a unit vector, in
-        its frame; of a face the middle.
+        """The point of a shape that lies farthest along a direction, in the shape's frame, m, (3,);
+        the middle where a whole edge or face does.
 
-        Raises UserError for a shape whose distance Drake does not know.
+        along: unit vector in the shape's frame, (3,). Raises UserError for a shape of which hcbench
+        does not know this point.
         """
         drake = self.drake
         side = np.where(np.abs(along) < _ALONG, 0.0, np.sign(along))
@@ -260,7 +266,7 @@ def _unit(vector: Floats) -> Floats:
 
 @contextmanager
 def _said() -> Iterator[list[str]]:
-    """Collect what Drake's parser warns of, which it would log."""
+    """Collect the messages that Drake logs in the block in a list, instead of printing them."""
     lines: list[str] = []
     log = logging.getLogger("drake")
     handler = logging.Handler()
@@ -362,10 +368,11 @@ def set_pose(loaded: LoadedPlant, context: Any, request: Request) -> None:
 
 
 def approach_row(loaded: LoadedPlant, context: Any, pair: tuple[Part, Part], gap: Gap) -> Floats:
-    """(nv,) J: the approach rate of the two parts' material points at the contact is J @ v.
+    """Jacobian J of the approach rate of two parts, (nv,): J @ v is the rate, m/s, at which their
+    material points at the contact approach.
 
-    context: the plant's, with the pose. pair: the two parts, the first of which the normal leaves.
-    gap: the nearest points, with the normal from the first to the second.
+    context: the plant's, with the pose. pair: the two parts. gap: their nearest points, with the
+    normal from the first part to the second.
     """
     plant = loaded.plant
     world = plant.world_frame()
@@ -382,16 +389,17 @@ def approach_row(loaded: LoadedPlant, context: Any, pair: tuple[Part, Part], gap
 
 
 def bring_to_touch(loaded: LoadedPlant, context: Any, request: Request) -> PlacedPair:
-    """Bring the two just to touch, by moving the first, or else the
-    second, along their common normal.
+    """Bring the request's pair just to touch, by moving the first part, or else the second, along
+    their common normal: the pair as it is to be launched.
 
     context: the plant's, with everything at rest where it starts; it ends at touch.
 
     Raises SceneError where the two start deep in each other, UserError for names that the model
     does not have and where no joint brings the two together.
     """
-    names = request.pair or _only_pair(loaded)
-    first, second = (loaded.part(name) for name in names)
+    first_name, second_name = request.pair or _only_pair(loaded)
+    first = loaded.part(first_name)
+    second = loaded.part(second_name)
     near = loaded.nearest(context, first, second)
     start = loaded.plant.GetPositions(context)
     require_apart(near.distance, _size(loaded, near), first.name, second.name)
@@ -429,10 +437,11 @@ def _size(loaded: LoadedPlant, gap: Gap) -> float:
 
 
 def movers(loaded: LoadedPlant, body: Any) -> Iterator[tuple[list[int], str]]:
-    """Yield (places in the velocities, description) of each mover of a body, nearest first.
+    """Yield what can move a body, the nearest first: (indices in the plant's velocities,
+    description) of each.
 
-    Its own free or prismatic joint and those that it hangs on, each alone; then, if some of them
-    turn, all velocities of the plant.
+    These are its own free or prismatic joint and those of the bodies that it hangs on, each alone;
+    then, if joints among them turn, all velocities of the plant together.
     """
     plant = loaded.plant
     joint_of = {
@@ -459,13 +468,12 @@ def movers(loaded: LoadedPlant, body: Any) -> Iterator[tuple[list[int], str]]:
 
 
 def _direction(loaded: LoadedPlant, context: Any, row: Floats, dofs: list[int]) -> Floats | None:
-    """Velocity, (nv,), that approaches at 1 m/s: the least one of translations, of a
-    robot as a push would move it.
+    """Velocity with which a mover makes the pair approach at 1 m/s, (nv,): for translations the
+    smallest one, for a whole robot that by a push; None where it does not lead to the other part.
 
-    row: (nv,), Jacobian of the approach rate. dofs: places in the velocities that may move.
-
-    None where the degrees of freedom do not lead to the other.
+    row: Jacobian of the approach rate, (nv,). dofs: indices of the velocities that may change.
     """
+    # A plant of 1 or 3 velocities is taken for a slide or three of them, not for a robot.
     moves_all = len(dofs) == len(row) and len(row) not in (1, 3)
     if moves_all:
         move = np.linalg.solve(loaded.plant.CalcMassMatrix(context), row)
@@ -474,6 +482,7 @@ def _direction(loaded: LoadedPlant, context: Any, row: Floats, dofs: list[int]) 
         move = np.zeros_like(row)
         move[dofs] = row[dofs]
     approach = float(row @ move)
+    # A mover that hardly changes the approach rate leads nowhere.
     least = LEAST_APPROACH**2 * float(move @ move > 0)
     if approach > least:
         return np.asarray(move / approach)
@@ -483,11 +492,12 @@ def _direction(loaded: LoadedPlant, context: Any, row: Floats, dofs: list[int]) 
 def _touch(
     loaded: LoadedPlant, context: Any, pair: tuple[Part, Part], dofs: list[int]
 ) -> Gap | None:
-    """Move on until the two touch, and return their gap there.
+    """Move a part until it touches the other, and return their nearest points there; None where the
+    mover does not bring them together.
 
-    context: the plant's; ends at touch. pair: the moving part first. dofs: places in the
-    velocities that may move. None where these do not bring them together. Raises UserError as
-    `LoadedPlant.nearest` does.
+    context: the plant's; it ends at touch. pair: the moving part first. dofs: indices of the
+    velocities that may change. Raises UserError for two parts that Drake does not let collide, or
+    whose distance it does not know.
     """
     for _ in range(_ROUNDS):
         gap = loaded.nearest(context, *pair)
@@ -516,11 +526,12 @@ def _placed(
     gap: Gap,
     overlap: float,
 ) -> PlacedPair:
-    """The pair as it stands in `context`, at touch, with what a launch needs to know of it.
+    """Describe a pair at touch as it is to be launched: direction, effective mass and acceleration of
+    the approach.
 
-    dofs: places in the velocities that move it.
-    words: a name for them.
-    overlap: at the start, m.
+    context: the plant's, at touch. pair: the moving part first. dofs: indices of the velocities
+    that move it. words: a phrase for them. gap: the nearest points. overlap: of the two at the
+    start, m.
     """
     plant = loaded.plant
     row = approach_row(loaded, context, pair, gap)

@@ -92,6 +92,7 @@ class ExudynBodies:
         self.mbs.AddObject(contact)
 
     def _solver(self) -> None:
+        """Make the settings of Exudyn's solver: one step of `h` a call."""
         self.settings = exudyn.SimulationSettings()
         time = self.settings.timeIntegration
         # The default of 1e-8 s ends one impact in five at parting.

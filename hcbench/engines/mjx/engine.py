@@ -91,7 +91,11 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         return _BITS[precision]
 
     def law_lines(self, law: PythonLaw | None, pair: Pair = PAIR) -> str:
-        """The step of one world with a law in it, for jit and vmap."""
+        """Lines of Python of a step of one world with a law in it, for jit and vmap; "" without a
+        law.
+
+        pair: names of the two geoms, in the lines of a law that sets e of each impact.
+        """
         if isinstance(law, Restitution):
             first, second = pair
             return _EACH.format(
@@ -108,9 +112,9 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         radius: float = 0.0,
         device: str = "",
     ) -> MjxCopies:
-        """Copies of a model that one vmap steps together.
+        """Make copies of a model that one vmap steps together.
 
-        model: MjModel. start: MjData of what states leave out.
+        model: MjModel. start: MjData with what states leave out, such as controls.
         bits: 32 or 64; 0 for JAX's own.
         law: lines of the step function; "" for MJX's own step.
         radius: of the ball, m.
@@ -185,11 +189,11 @@ class MjxCopies(Copies):
     places = _PLACES
 
     def __init__(self, model: Any, empty: Any, bits: int, place: Any, run: Any, read: Any) -> None:
-        """Keep what `place`, `step` and `read_on` need.
+        """Keep a model, its data, and the compiled functions that step its copies.
 
-        model, empty: MJX's Model, and Data at the start, both on the device.
-        bits: of their numbers, 32 or 64.
-        place, run, read: the functions of `_compiled`.
+        model, empty: MJX's Model, and Data at the start, both on the device. bits: of their
+        numbers, 32 or 64. place: puts copies into states. run: takes steps and returns the states
+        after each. read: takes steps and returns the reading of each launch.
         """
         self.bits = bits
         self._model = model
@@ -219,12 +223,13 @@ class MjxCopies(Copies):
 
 @lru_cache(maxsize=16)
 def _compiled(step_text: str, radius: float, bits: int, own: Any) -> tuple[Any, Any, Any]:
-    """(place, run, read): compiled functions that put copies into states, take steps and record
-    them, or take steps and read impacts instead; made once for each law, radius, precision and
-    model of its own.
+    """Compile three functions of copies of a model: `place` puts them into states, `run` takes steps
+    and records them, `read` takes steps and reads impacts instead. They are kept for each law,
+    radius, precision and model.
 
-    step_text: lines that define `step(model, data)`. radius: of the ball, m. bits: 32 or 64.
-    own: the MjModel that the lines of e(v) read; None of others.
+    step_text: lines that define `step(model, data)`. radius: of the ball, m. bits: 32 or 64; not
+    used here, but the compiled functions of each are kept apart.
+    own: the MjModel that the lines of a law e(v) read; None for other lines.
     """
     import jax
     import jax.numpy as jnp
@@ -235,6 +240,10 @@ def _compiled(step_text: str, radius: float, bits: int, own: Any) -> tuple[Any, 
     step = jax.vmap(names["step"], in_axes=(None, 0))
 
     def run(model: Any, data: Any, steps: int) -> Any:
+        """(data, path) after `steps` steps, up to _BUFFER; path: positions and velocities after
+        each, (_BUFFER, _PLACES, nq + nv).
+        """
+
         def one(i: Any, carry: Any) -> Any:
             data = step(model, carry[0])
             return data, carry[1].at[i].set(jnp.concatenate([data.qpos, data.qvel], axis=1))
@@ -243,10 +252,15 @@ def _compiled(step_text: str, radius: float, bits: int, own: Any) -> tuple[Any, 
         return jax.lax.fori_loop(0, steps, one, (data, path))
 
     def place(empty: Any, state: Any) -> Any:
+        """Data of one copy in a state, positions and velocities, (nq + nv,)."""
         return empty.replace(qpos=state[: empty.qpos.size], qvel=state[empty.qpos.size :])
 
     def read(model: Any, data: Any, rule: Any, reading: Any, fewest: int, most: int) -> Any:
-        """(data, reading) after up to `most` steps, or once at most `fewest` balls go on."""
+        """Take up to `most` steps, or until at most `fewest` balls go on, and return MJX's Data and the
+        reading of each ball then.
+
+        rule: when a launch ends, as the fields of a `Rule`. reading: of each ball so far.
+        """
 
         def goes_on(carry: Any) -> Any:
             _, now = carry
@@ -254,7 +268,9 @@ def _compiled(step_text: str, radius: float, bits: int, own: Any) -> tuple[Any, 
 
         def one(carry: Any) -> Any:
             data = step(model, carry[0])
-            return data, Reading(*add(data.qpos[:, 2], data.qvel[:, 2], *rule, *carry[1]))
+            # The ball's free joint: its height and its velocity upwards.
+            height, rising = data.qpos[:, 2], data.qvel[:, 2]
+            return data, Reading(*add(height, rising, *rule, *carry[1]))
 
         return jax.lax.while_loop(goes_on, one, (data, reading))
 
@@ -303,8 +319,8 @@ def _coarser(options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _all_rough(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of a setting, by name, whose rows all have a friction where one has: MJX has no
-    condim 1 beside elliptic cones.
+    """The options of a setting, in which all rows have some friction if one of them has: MJX cannot
+    have contacts without friction (condim 1) together with elliptic cones.
     """
     rows = options["rows"]
     if any(row.get("friction") for row in rows):

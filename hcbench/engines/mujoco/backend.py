@@ -38,7 +38,10 @@ def backend() -> Any:
 
 
 def has_feature(mujoco: Any, feature: str) -> bool:
-    """Say whether this MuJoCo has a feature, a key of `_FEATURES`."""
+    """Return whether a MuJoCo has a feature.
+
+    mujoco: the module. feature: a key of `_FEATURES`, such as "adhesion".
+    """
     owner, attribute, _ = _FEATURES[feature]
     # The class that has it, or the module itself.
     where = mujoco
@@ -57,8 +60,11 @@ def can_pull(version: tuple[int, ...]) -> bool:
 
 
 def require_feature(mujoco: Any, feature: str) -> None:
-    """Raises EngineMissing for a MuJoCo that is too old for a feature, a key of `_FEATURES`."""
-    since = _FEATURES[feature][2]
+    """Raise EngineMissing for a MuJoCo that is too old for a feature.
+
+    mujoco: the module. feature: a key of `_FEATURES`, such as "adhesion".
+    """
+    _, _, since = _FEATURES[feature]
     if not has_feature(mujoco, feature):
         raise EngineMissing(
             f"mujoco {mujoco.__version__}",
@@ -94,11 +100,12 @@ def keep_no_log() -> None:
 
 
 def plugin_warnings(warned: Iterable[str]) -> tuple[str, ...]:
-    """First warning of each kind that hcbench's plug-ins gave, each a line, in order.
+    """Warnings of hcbench's plug-ins, the first of each kind, one line each, in order.
 
     warned: all texts that MuJoCo gave; those of others are left out. The plug-in repeats a warning
     with other numbers for every MjData.
     """
+    # By a text's beginning, up to the numbers.
     kinds: dict[str, str] = {}
     for words in warned:
         if "plugin hcbench." in words:

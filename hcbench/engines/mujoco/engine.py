@@ -70,10 +70,10 @@ _CAVEATS = (
 
 
 def vocabulary(contact: OneContact) -> Vocabulary:
-    """One contact in MuJoCo's parameters: solref of a bounce in one step, and of a spring and
-    damper; with what is missing for either, and caveats.
+    """Write one contact in MuJoCo's parameters: the solref of a bounce in one step, and that of a
+    spring and damper; with sentences on what is missing for either, and caveats.
 
-    Without an e it has neither.
+    contact: a contact without an e gives neither.
     """
     rows: list[SystemValue] = []
     missing: list[str] = []
@@ -222,13 +222,14 @@ class MujocoEngine(
         whole: bool = False,
         train: LongestTrain | None = None,
     ) -> Passivity:
-        """Test for energy in the model of the rows, and what slides in plain MuJoCo.
+        """Test whether a setting adds energy: bounces and drops in hcbench's own model of its rows,
+        and what slides in plain MuJoCo.
 
         speeds: lowest and highest of the band, m/s.
-        whole: all in plain MuJoCo, under every option that the setting allows; minutes.
+        whole: all in plain MuJoCo, under every option that the setting allows, which takes minutes.
         train: the longest train of bounces that the target allows; None: none.
-
-        A setting without rows is tested by impacts, as for every engine.
+        A setting without rows is tested by impacts, as for every engine, and one with a restitution
+        law also where it slides.
         """
         from hcbench.engines.mujoco.passivity.judge import certified, screened, with_law
 
@@ -262,10 +263,11 @@ class MujocoEngine(
         return replace(setting, options={**setting.options, "rows": with_it})
 
     def with_corners(self, setting: Setting, corners: int) -> Setting:
-        """The setting with its rows at each of several points; unchanged for one, and without rows.
+        """The setting for bodies that land on several points at once, as an option of its rows;
+        unchanged for one point, and without rows.
 
-        corners: number of points that meet at once. A flat body that lands on n points by symmetry
-        moves as one that meets n times at its centre.
+        corners: number of points n. A flat body that lands on n points by symmetry moves as one
+        that meets n times at its centre: so each row is there n times.
         """
         if corners == 1 or not setting.options.get("rows"):
             return setting
@@ -276,7 +278,7 @@ class MujocoEngine(
         return mjcf.model_xml(scene, setting)
 
     def load(self, scene: Scene, setting: Setting, fastest: float) -> MujocoWorld:
-        """A scene under a setting, with its plug-in, for impacts at up to `fastest` m/s.
+        """Load a scene under a setting, with its plug-in, for impacts at up to `fastest` m/s.
 
         Raises SceneError for a model that is not what the scene says; SettingError for options that
         MuJoCo does not have and for a law that the step does not resolve; EngineMissing for a
@@ -304,10 +306,9 @@ class MujocoEngine(
         return plugin.install() if install else plugin.library()
 
     def accepts(self, source: Any) -> bool:
-        """Say whether MuJoCo opens this source, without opening it.
-
-        source: True for a path of its suffixes, MJCF text, an MjModel, MjSpec or MjData, (MjModel,
-        MjData), or an environment that has both.
+        """Say whether MuJoCo opens this source, without opening it: a path with one of `suffixes`,
+        MJCF text, an MjModel, MjSpec or MjData, a pair (MjModel, MjData), or an environment that
+        has both.
         """
         if isinstance(source, str | Path):
             return str(source).lstrip().startswith("<") or super().accepts(source)
@@ -405,7 +406,13 @@ class MujocoEngine(
         request: Request,
         rebuild: Callable[[], Any] | None = None,
     ) -> VariedContact:
-        """A <pair> for every two geoms of the pair; errors as of `vary.VariedPair`."""
+        """Open a user's model so that the contact of its pair can be changed: with a <pair> for
+        every two geoms of the pair.
+
+        source: a path, MJCF text or an MjSpec. request: the pair. rebuild: unused. Raises UserError
+        for several files, SceneError for a model that does not compile, and what
+        `vary.VariedPair` raises else.
+        """
         from hcbench.engines.mujoco.model.vary import VariedPair
 
         return VariedPair(_one_file(source), request)
@@ -528,8 +535,9 @@ def _pool(scene: Scene, timestep: float, options: Options) -> BatchPool:
     # Loading the model says why it cannot be read.
     except OSError:
         written = b""
-    # Another file that it names may change while it does not.
-    make = cached_pool if written and b"file=" not in written else cached_pool.__wrapped__
+    # A file that names others is compiled again each time: they may have changed, while it has not.
+    names_others = b"file=" in written
+    make = cached_pool if written and not names_others else cached_pool.__wrapped__
     return make(scene, timestep, options, written)
 
 

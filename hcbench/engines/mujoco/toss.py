@@ -29,6 +29,12 @@ from hcbench.terms.impact import Floats
 
 SOLREF = "solref identified"
 _SPRING = (Parameter("stiffness", (1.5e4, 5e4, 5e3)), Parameter("damping", (250.0, 60.0, 5.0)))
+# Columns of a state: MuJoCo's qpos and qvel, and parts of them.
+_QPOS = slice(0, 7)
+_QVEL = slice(7, 13)
+_QUATERNION = slice(3, 7)
+_VELOCITY = slice(7, 10)
+_SPIN = slice(10, 13)
 SHAPES: frozenset[Shape] = frozenset({"box", "ellipsoid", "sphere"})
 SETTINGS = (
     ContactSetting(NOTHING, (), "pyramidal"),
@@ -48,13 +54,14 @@ def simulate(
     timestep: float,
     tosses: Sequence[Toss],
 ) -> list[Floats]:
-    """States before the first step of Euler's integrator and after each, (steps + 1, 13), of each
-    toss.
+    """Simulate tosses of a body onto a plate by MuJoCo's Euler integrator: states before the first
+    step and after each, (steps + 1, 13), an array a toss.
 
     values: of the setting's parameters, SI, in its order. timestep: s. tosses: motions to start
-    from, each with its time.
-    A state is position, quaternion w x y z, velocity and spin, in the world. Raises SettingError
-    for numbers that a plug-in's law does not take, EngineMissing or EngineFailed without MuJoCo.
+    from, each with its number of steps.
+    A state is position, quaternion w x y z, velocity and spin, SI, in the world. Raises
+    SettingError for numbers that a plug-in's law does not take, EngineMissing or EngineFailed
+    without MuJoCo.
     """
     mujoco = backend()
     model = _model(mujoco, body, setting, values, timestep)
@@ -101,11 +108,11 @@ def _model(
 
 
 def _simulate(mujoco: Any, model: Any, data: Any, toss: Toss, timestep: float) -> Floats:
-    """States of one toss before the first step and after each, (steps + 1, 13), SI, in the world.
+    """Simulate one toss: its states before the first step and after each, (steps + 1, 13), SI, in
+    the world: position, quaternion w x y z, velocity and spin.
 
-    A state is position, quaternion w x y z, velocity and spin. Velocities are those of the true
-    motion at the step's end, which `as_body` makes of the integrator's. mujoco: the module. data:
-    MjData of the model, reset here. timestep: s.
+    Velocities are those of the true motion at the step's end, which differ from the integrator's by
+    half a step of gravity. mujoco: the module. data: MjData of the model, reset here. timestep: s.
     """
     mujoco.mj_resetData(model, data)
     turn = np.empty(9)
@@ -116,17 +123,17 @@ def _simulate(mujoco: Any, model: Any, data: Any, toss: Toss, timestep: float) -
     # MuJoCo has the spin in the body's frame.
     data.qvel[3:] = turn.reshape(3, 3).T @ toss.spin
     states = np.empty((toss.steps + 1, 13))
-    states[0, :7] = data.qpos
-    states[0, 7:] = data.qvel
+    states[0, _QPOS] = data.qpos
+    states[0, _QVEL] = data.qvel
     # Looked up once: these are views that follow the state.
-    position = data.qpos
-    velocity = data.qvel
+    qpos = data.qpos
+    qvel = data.qvel
     for row in states[1:]:
         mujoco.mj_step(model, data)
-        row[:7] = position
-        row[7:] = velocity
-    states[:, 7:10] = as_body(states[:, 7:10], timestep)
-    states[:, 10:] = in_world(states[:, 3:7], states[:, 10:])
+        row[_QPOS] = qpos
+        row[_QVEL] = qvel
+    states[:, _VELOCITY] = as_body(states[:, _VELOCITY], timestep)
+    states[:, _SPIN] = in_world(states[:, _QUATERNION], states[:, _SPIN])
     return states
 
 

@@ -29,11 +29,11 @@ def own_contact(squeezed: bool) -> str:
 def simulate(
     blocks: TwoBlocks, position: float, velocity: float, forces: Floats
 ) -> tuple[Floats, Floats]:
-    """(positions, m; velocities, m/s) of the ball along x before the first step and after each,
-    (n + 1,) each.
+    """Simulate the ball between two planes: its positions, m, and velocities, m/s, along x before the
+    first step and after each, (n + 1,) each.
 
     position, velocity: at the start, m and m/s.
-    forces: N, (n,), one for each step.
+    forces: on the ball along x in each step, N, (n,).
 
     Raises EngineMissing for a MuJoCo without adhesion, which the tuned pairs need.
     """
@@ -59,8 +59,8 @@ def simulate(
 
 
 def mjcf(blocks: TwoBlocks) -> str:
-    """Return the MJCF of the scene: contact as in the file, or pairs tuned
-    to the law about a speed.
+    """The MJCF of the scene `two-blocks`, as text: with the contact that its file has, or, for
+    `blocks.tuned_at`, with <pair>s that follow the law around this speed.
 
     The scene's `tuned.xml` is such a text.
     """

@@ -91,9 +91,14 @@ class NewtonBodies:
         moving = [body for body in world["bodies"] if not body.get("fixed")]
         # Points that share the load of a contact.
         points = max({"sphere": 1, "box": 4, "mesh": 32}[b["shape"]] for b in world["bodies"])
-        stops = min(body["mass"] for body in moving) / (self.h * points)
+        # The damping, N s/m, that stops the lightest body within a step.
+        stopping = min(body["mass"] for body in moving) / (self.h * points)
         stiffness, damping = self.gains[self.name]
-        return {"ke": stiffness * stops / self.h, "kd": damping * stops, "kf": 0.5 * stops}
+        return {
+            "ke": stiffness * stopping / self.h,
+            "kd": damping * stopping,
+            "kf": 0.5 * stopping,
+        }
 
     def _shape(self, i: int, at: Any, body: dict[str, Any], cfg: Any) -> None:
         """Add the shape of a body to the world that has begun.
@@ -131,10 +136,14 @@ class NewtonBodies:
         self.builder.add_custom_values(**{f"mujoco:pair_{k}": v for k, v in values.items()})
 
     def start(self) -> None:
-        """Start all worlds added since, with one step captured as a graph."""
+        """Start all worlds that were added since the last start, with one step captured as a graph
+        of the GPU.
+        """
+        # VBD solves bodies of one color at once; the other solvers do without.
         self.builder.color()
         self.model = model = self.builder.finalize()
-        self.begin()  # for the worlds to come
+        # A new builder, for the worlds to come.
+        self.begin()
         self.worlds = model.world_count
         # Contacts that there is room for: Newton's default is 1000 for one world.
         model.rigid_contact_max = 16 * self.worlds

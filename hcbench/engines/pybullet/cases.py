@@ -30,8 +30,9 @@ class PybulletBodies:
         return {"restitutionVelocityThreshold": 0, "contactERP": 0.02, "contactSlop": 1e-4}
 
     def dynamics(self) -> dict[str, float]:
-        """Parameters of a body."""
-        # A contact would act before the touch.
+        """Keywords of changeDynamics for each body: no damping, no limit of its velocity, and no
+        contact that acts before the touch.
+        """
         return {
             "linearDamping": 0,
             "angularDamping": 0,

@@ -93,11 +93,15 @@ class PybulletEngine(
         return options.snippet(setting, form, pair)
 
     def model_options(self, setting: Setting) -> tuple[tuple[str, str], ...]:
-        """The time step: Bullet's other settings of the world are in the text."""
+        """Options of the model, the time step alone: Bullet's other settings of the world are in the text."""
         return (("fixedTimeStep", shortest(setting.timestep)),)
 
     def promised(self, text: str, pair: Pair, promise: Promise) -> str:
-        """The text of a setting with a call that keeps its promise as user data of the first body."""
+        """The text of a setting with a call that keeps its promise as user data of the first body.
+
+        text: Python lines; returned as they are if they drop a ball themselves, or are not Python.
+        pair: names of the two bodies' variables. promise: error of e, and its conditions.
+        """
         from hcbench.engines.pybullet.model.causes import promise_line
 
         # A whole script has dropped its ball when it ends; other text is no Python.
@@ -150,10 +154,9 @@ class PybulletEngine(
         return plugin.library()
 
     def accepts(self, source: Any) -> bool:
-        """Say whether PyBullet opens this source, without opening it.
-
-        source: True for a path of its suffixes, a list of paths, a client's id, a BulletClient, a
-        `World`, or None where the process has a client.
+        """Say whether PyBullet opens this source, without opening it: a path with one of `suffixes`,
+        a list of paths, a client's id, a BulletClient, a `World`, or None where the process has a
+        client.
         """
         if isinstance(source, list | tuple):
             return all(isinstance(part, str | Path) for part in source)
@@ -203,12 +206,12 @@ class PybulletEngine(
         rebuild: Callable[[], Any] | None = None,
         version: tuple[int, ...] = (),
     ) -> Iterable[ModelSetting]:
-        """Settings to try, each lines of changeDynamics and setPhysicsEngineParameter for all
-        pairs.
+        """Settings for pairs of a user's world, each meant to have the e of `goal` there: lines of
+        changeDynamics and setPhysicsEngineParameter for all pairs.
 
         source: files, a `World`, or a client. rebuild: makes it again, where a function built it.
-        requests: of the pairs. goal: e over speed. was, version: unused. Errors come as they are
-        read: UserError for a live client, and what opening raises.
+        requests: of the pairs. goal: e over speed. was, version: unused. Raises, as the settings
+        are read, UserError for a live client, and what opening raises.
         """
         from hcbench.engines.pybullet.model.under_test import model_settings
 
@@ -251,10 +254,12 @@ class PybulletEngine(
     def landing(
         self, source: Any, requests: Sequence[Request], like: DropTest | None = None
     ) -> DropTest:
-        """Drop a robot of joints with a free base over the fixed bodies of its world.
+        """Drop a robot of joints with a free base over the fixed bodies of its world, and judge how
+        it lands.
 
-        source: files, a `World`, a client, or one of these with a setting. requests, like: as of
-        `TunesModels`. Raises UserError where the pairs are not of a robot that can fall.
+        source: files, a `World`, a client, or one of these with a setting. requests: of the pairs
+        of its feet with the floor. like: a test whose length this one takes; None: long enough to
+        come to rest. Raises UserError where the pairs are not of a robot that can fall.
         """
         from hcbench.engines.pybullet.model.drop_test import ChangedWorld, WorldDropBench
 

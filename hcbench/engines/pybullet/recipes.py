@@ -82,8 +82,10 @@ _ACTIVE_ROUNDS = 3
 
 @dataclass(frozen=True, slots=True)
 class Contacts:
-    """Contacts from depths `onset` (m) on with k (N/m) and c (N s/m) of
-    the law; shapes (n,) or (b, n).
+    """Contacts that each begin to push at a depth of their own; n contacts, or b sets of them.
+
+    onset: depth from which a contact pushes, m. stiffness: k, N/m. damping: c, N s/m, of the law on
+    the rate at a step's end. Shapes (n,) or (b, n).
     """
 
     onset: Floats
@@ -93,11 +95,10 @@ class Contacts:
 
 @dataclass(frozen=True, slots=True)
 class FittedImpacts:
-    """Impacts at speeds (m/s) and phases of a step, shape (n,); `steps` are enough for all to part.
+    """Impacts of a ball that Bullet's steps are worked out for.
 
-    mass: kg.
-    h: s.
-    g: gravity, m/s².
+    speeds: m/s, (n,). phases: of the touch within a step, 0 to 1, (n,). mass: kg. h: time step, s.
+    g: gravity, m/s². steps: enough for all to part.
     """
 
     speeds: Floats
@@ -111,11 +112,13 @@ class FittedImpacts:
     def of(
         cls, target: Target, law: HuntCrossley, speeds: int, denser: float = 1.0
     ) -> FittedImpacts:
-        """Impacts that a fit looks at, at `speeds` speeds over the target's band.
+        """Impacts that a fit looks at, over a target's band of speeds.
 
-        denser: factor on the number of phases of a step. The fit's step is the target's, but not
-        finer than a share of the law's shortest contact.
+        The time step is the target's, but not finer than a share of the law's shortest contact.
+
+        speeds: how many. denser: factor on the number of phases of a step at each speed.
         """
+        # Of a contact, s.
         shortest = float(closed_form.duration(law, target.mass, target.speed_max))
         longest = float(closed_form.duration(law, target.mass, target.speed_min))
         h = max(target.timestep, shortest / _STEPS_MOST)
@@ -124,11 +127,10 @@ class FittedImpacts:
         # Slow impacts are the hard ones: the speeds lie denser there.
         share = np.linspace(0.0, 1.0, speeds) ** 1.2
         at = target.speed_min + (target.speed_max - target.speed_min) * share
-        grid = np.meshgrid(at, (np.arange(phases) + 0.5) / phases, indexing="ij")
-        speed, phase = (axis.ravel() for axis in grid)
         return cls(
-            speeds=speed,
-            phases=phase,
+            # Each speed at each phase, phases of one speed after another.
+            speeds=np.repeat(at, phases),
+            phases=np.tile((np.arange(phases) + 0.5) / phases, speeds),
             mass=target.mass,
             h=h,
             g=target.gravity,
@@ -136,24 +138,29 @@ class FittedImpacts:
         )
 
     def restitution(self, contacts: Contacts) -> Floats:
-        """e as Bullet delivers it, shape (b, n), of contacts of shape (b, rows)."""
+        """e that Bullet delivers at each impact, (b, n), of b sets of contacts, (b, contacts)."""
+        # Few launches at a time, rounded up.
         blocks = -(-len(self.speeds) // _BLOCK)
         split = (np.array_split(of, blocks) for of in (self.speeds, self.phases))
         parts = [replace(self, speeds=v, phases=phase) for v, phase in zip(*split, strict=True)]
         return np.concatenate([part._restitution(contacts) for part in parts], axis=1)
 
     def _restitution(self, contacts: Contacts) -> Floats:
-        """e of all impacts at once, (b, n): Bullet's steps, and speeds at the touch
-        plane by what flight conserves.
+        """e that Bullet delivers at each impact, (b, n), with all impacts at once.
 
-        contacts: of shape (b, rows).
+        The speeds before and after are those at the plane of touch, to which free flight, which
+        conserves energy, carries them from the first state and from the last.
+
+        contacts: b sets, (b, contacts).
         """
         h = self.h
+        # Speed that gravity adds in a step, m/s.
         fall = self.h * self.g
-        # (rows, b, 1)
+        # (contacts, b, 1): m; and what a step adds to the speed per depth, 1/s, and per rate, 1.
         onset = contacts.onset.T[..., None]
         k = (h / self.mass) * contacts.stiffness.T[..., None]
         c = (h / self.mass) * contacts.damping.T[..., None]
+        # Depth, m, and its rate, m/s, (b, n): before the touch by the phase of a step.
         x = np.tile(-self.phases * h * self.speeds, (k.shape[1], 1))
         v = np.tile(self.speeds - self.phases * fall, (k.shape[1], 1))
         before = (v + fall / 2) ** 2 - 2 * self.g * x
@@ -171,7 +178,13 @@ class FittedImpacts:
 
 
 def _rate_after(free: Floats, spring: Floats, damper: Floats) -> Floats:
-    """v = free - sum of max(0, spring + damper v), shape (b, n); spring, damper: (rows, b, n)."""
+    """Approach rate at a step's end, m/s, (b, n), with contacts that push by springs and dampers.
+
+    It solves v = free - sum of max(0, spring + damper v), by finding which contacts push.
+
+    free: rate without the contacts, m/s, (b, n). spring: what each spring takes of the rate, m/s;
+    damper: what each damper takes, as a share of v; (contacts, b, n) each.
+    """
     v = (free - spring.sum(0)) / (1 + damper.sum(0))
     for _ in range(_ACTIVE_ROUNDS):
         before = v
@@ -184,12 +197,11 @@ def _rate_after(free: Floats, spring: Floats, damper: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class _Loops:
-    """Loops of the law, (n,), SI.
+    """Points of loops of the law's force over penetration, that contacts are to follow; (n,) each.
 
-    x, v: penetration, m, and its rate at a step's end, m/s. force: N.
-    scale: of a force, to a share.
-
-    The squares of all shares add up to the mean over the loops of the squared distance (rms).
+    x: penetration at a step's start, m. v: its rate at the step's end, m/s. force: of the law, N.
+    scale: factor that makes of an error of the force a share of the loop's largest force, 1/N,
+    weighted so that the sum of squares of all is the mean over the loops of the squared error.
     """
 
     x: Floats
@@ -199,9 +211,11 @@ class _Loops:
 
     @classmethod
     def of(cls, law: HuntCrossley, mass: float, speeds: Floats, h: float) -> _Loops:
-        """Loops of a law for a mass, kg, at impact speeds, m/s, with the
-        rates that a step h, s, ends with.
+        """Loops of a law for a ball, one at each impact speed.
+
+        mass: kg. speeds: m/s, (loops,). h: time step, s, at whose end the rates are.
         """
+        # Points lie evenly in the angle: the depth is its sine, as in a half swing.
         angle = (np.arange(_POINTS) + 0.5) / _POINTS * np.pi / 2
         columns = []
         for speed in speeds.tolist():
@@ -215,7 +229,10 @@ class _Loops:
         return cls(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
     def misfit(self, contacts: Contacts) -> Floats:
-        """Shape (b, n), of contacts of shape (b, rows)."""
+        """Errors of the summed force of b sets of contacts, (b, contacts), at the loops' points, as
+        weighted shares of the largest force, (b, n).
+        """
+        # m, (b, n, contacts).
         depth = self.x[:, None] - contacts.onset[:, None]
         each = contacts.stiffness[:, None] * depth + contacts.damping[:, None] * self.v[:, None]
         return np.asarray(
@@ -223,11 +240,12 @@ class _Loops:
         )
 
     def first_guess(self, onset: Floats, step: float) -> Contacts:
-        """Contacts from these onsets (m, (n,)) whose summed force is near the loops'.
+        """Contacts with given onsets whose summed force is near the loops', to start a search from.
 
-        A linear fit, again and again without the contacts that would pull; none is 0, as no later
-        search revives it.
-        step: s.
+        The stiffnesses and dampings are fitted linearly, again and again without the points where a
+        contact would pull. None stays at 0, from where no later search revives it.
+
+        onset: m, (contacts,). step: time step, s.
         """
         # SciPy's optimisation is slow to import, and a list of recipes needs none of it.
         from scipy.optimize import nnls
@@ -236,6 +254,8 @@ class _Loops:
         rate = np.where(depth > 0, self.v[:, None], 0.0)
         pushes = depth > 0
         for _ in range(8):
+            # A column for each stiffness, then one for each damping, (points, 2 contacts); scaled
+            # to length 1 for the fit.
             columns = np.concatenate([depth * pushes, rate * pushes], axis=1) * self.scale[:, None]
             unit = np.linalg.norm(columns, axis=0) + 1e-300
             solution = nnls(columns / unit, self.force * self.scale, maxiter=10_000)[0] / unit
@@ -248,11 +268,12 @@ class _Loops:
 
 @dataclass(frozen=True, slots=True)
 class _Misfit:
-    """Errors of contacts, in units of `unit`, of e: in e at launches,
-    (n,), and in force over loops.
+    """Errors of contacts, in e at launches and in force over loops, for a least-squares search.
 
-    Parameters are the logarithms of stiffnesses, dampings and distances between starts: 3 rows - 1.
-    wanted: e of the target at each launch, (n,).
+    Its parameters are the logarithms of the contacts' stiffnesses, N/m, dampings, N s/m, and
+    distances between onsets, m: 3 contacts - 1.
+
+    wanted: e of the target at each launch, (n,). unit: error of e that counts as 1.
     """
 
     launches: FittedImpacts
@@ -262,7 +283,7 @@ class _Misfit:
 
     @staticmethod
     def contacts(parameters: Floats) -> Contacts:
-        """Contacts of parameters (b, 3 rows - 1)."""
+        """Contacts of parameters of the search, (b, 3 contacts - 1); the first begins at depth 0."""
         rows = (parameters.shape[-1] + 1) // 3
         k, c, apart = np.split(np.exp(parameters), [rows, 2 * rows], axis=-1)
         return Contacts(
@@ -271,33 +292,42 @@ class _Misfit:
 
     @staticmethod
     def parameters(contacts: Contacts) -> Floats:
-        """Parameters of contacts (rows,)."""
+        """Parameters of the search, (3 contacts - 1,), of contacts, (contacts,)."""
         return np.asarray(
             np.log(np.concatenate([contacts.stiffness, contacts.damping, np.diff(contacts.onset)]))
         )
 
     def residuals(self, parameters: Floats, power: int) -> Floats:
-        """Shape (b, residuals), those of e to a power: sums of squares mind the worst more then."""
+        """Errors of b trials of the search, (b, n): of e at each launch, then of the force at each
+        point of the loops, in shares of `unit`.
+
+        parameters: of the search, (b, 3 contacts - 1). power: to which errors of e are taken, with
+        their sign: a higher one makes a sum of squares mind the worst more.
+        """
         made = self.contacts(parameters)
-        off = (self.launches.restitution(made) - self.wanted) / self.unit
-        each = np.sign(off) * np.abs(off) ** power / np.sqrt(off.shape[1])
-        return np.concatenate([each, self.loops.misfit(made) / (_FORCE_SHARE * self.unit)], axis=1)
+        error = (self.launches.restitution(made) - self.wanted) / self.unit
+        of_e = np.sign(error) * np.abs(error) ** power / np.sqrt(error.shape[1])
+        return np.concatenate([of_e, self.loops.misfit(made) / (_FORCE_SHARE * self.unit)], axis=1)
 
     def jacobian(self, parameters: Floats, power: int) -> Floats:
         """Jacobian of `residuals` at one point: (residuals, parameters)."""
         nudges = _NUDGE * np.eye(len(parameters))
-        up, down = (self.residuals(parameters + sign * nudges, power) for sign in (1, -1))
+        up = self.residuals(parameters + nudges, power)
+        down = self.residuals(parameters - nudges, power)
         return np.asarray((up - down).T / (2 * _NUDGE))
 
     def fitted(self, parameters: Floats, record: Callable[[Floats, Floats], None]) -> Floats:
-        """Better parameters, (n,), by least squares from these.
+        """Better parameters of the search, by least squares from given ones; (3 contacts - 1,) each.
 
-        record: is given each trial's parameters, (1, n), and largest error of e, (1,).
+        record: called with each trial's parameters, (1, 3 contacts - 1), and its largest error of
+        e, (1,).
         """
         from scipy.optimize import least_squares
 
         def residuals(parameters: Floats, power: int) -> Floats:
+            """Errors of one trial, (n,), which is recorded."""
             residuals = self.residuals(parameters[None], power)
+            # Back from errors to a power, as shares of a mean, to the errors themselves.
             worst = np.abs(residuals[:, : self.wanted.size]).max(axis=1) * np.sqrt(self.wanted.size)
             record(parameters[None], self.unit * worst ** (1 / power))
             return np.asarray(residuals[0])
@@ -319,12 +349,12 @@ class _Misfit:
 def fit_contacts(
     target: Target, law: HuntCrossley, count: int, result: Callable[[Contacts], Any]
 ) -> Contacts:
-    """So many contacts that follow `law` in e, and in force nearly, over the target's speeds.
+    """Find contacts of Bullet's own that together follow a law, in e, and in force nearly, over a
+    target's band of speeds.
 
-    count: of contacts.
-    result: makes of the best contacts until then what an interrupt of the search hands out.
+    count: of contacts. result: makes of contacts what an interrupted search hands out.
 
-    Raises SearchInterrupted with that.
+    Raises SearchInterrupted, with the result of the best contacts until then.
     """
     launches = FittedImpacts.of(target, law, _SPEEDS)
     others = FittedImpacts.of(target, law, _OTHER_SPEEDS, 3.0)
@@ -334,6 +364,7 @@ def fit_contacts(
     _, error_of_constant = minimax_constant(target)
     misfit = _Misfit(launches, wanted, loops, max(_SHARE * error_of_constant, _LEAST))
     elastic = replace(law, alpha=0.0)
+    # Largest penetration, m, up to which the contacts are spread, and where the second begins.
     top = float(closed_form.penetration_max(elastic, target.mass, target.speed_max))
     first = min(max(_FIRST * top, _FIRST_STEP * launches.h * target.speed_max), 0.5 * top)
     search = Search(len(_FIRST_TRIED) * len(_POWERS) * _EVALUATIONS)
@@ -343,10 +374,11 @@ def fit_contacts(
             onset = np.concatenate([[0.0], np.geomspace(tried * first, top, count)[:-1]])
             start = misfit.parameters(loops.first_guess(onset, launches.h))
             fits.append(misfit.fitted(start, search.record))
-    its = closed_form.restitution(law.alpha, others.speeds)
-    off = others.restitution(misfit.contacts(np.array(fits))) - its
+    # The best is the one with the smallest largest error of e at speeds between those of the fit.
+    of_law = closed_form.restitution(law.alpha, others.speeds)
+    error = others.restitution(misfit.contacts(np.array(fits))) - of_law
     search.add(len(_FIRST_TRIED) * len(_POWERS) * _EVALUATIONS)
-    return misfit.contacts(fits[int(np.abs(off).max(axis=1).argmin())])
+    return misfit.contacts(fits[int(np.abs(error).max(axis=1).argmin())])
 
 
 # PyBullet: delivers exactly the restitution that is set.
@@ -367,8 +399,8 @@ BALL: dict[str, Any] = {
 
 
 def restitution(target: Target) -> dict[str, Any]:
-    """Options of a setting: Bullet's own restitution, the best constant e of the band, with all
-    that distorts it switched off.
+    """Options of a setting with Bullet's own restitution: the best constant e of a target's band of
+    speeds, with all that distorts it switched off.
     """
     e, _ = minimax_constant(target)
     return {
@@ -406,10 +438,11 @@ RIGID = 1e30
 
 
 def spring_damper(target: Target) -> dict[str, Any]:
-    """Options of a setting: a Kelvin-Voigt contact, eq. (4), as Bullet integrates it.
+    """Options of a setting with Bullet's spring and damper, a Kelvin-Voigt contact, eq. (4).
 
-    F = max(0, k (x + h v+) + c v+), with the best constant e of the band. Raises SettingError for
-    e = 1.
+    Bullet integrates it as F = max(0, k (x + h v+) + c v+), v+ the rate at the step's end. k and c
+    make the best constant e of the target's band of speeds, and its time of contact. Raises
+    SettingError for e = 1.
     """
     duration = contact_time(target)
     stiffness, damping = implicit_spring_damper(target, duration, "restitution")
@@ -444,17 +477,19 @@ _LINKS = 12
 
 
 def staggered(target: Target) -> dict[str, Any]:
-    """Links of the ball that start to touch at staggered depths, each with a spring and a damper."""
+    """Options of a setting whose ball has links that start to touch at staggered depths, each with a
+    spring and a damper. Raises SearchInterrupted, with the options of the best until then.
+    """
     make = partial(_options, target.timestep)
     law = resolvable_law(target)
     return make(fit_contacts(target, law, _LINKS, make))
 
 
 def _options(timestep: float, contacts: Contacts) -> dict[str, Any]:
-    """The options of a setting with these contacts at a time step, s."""
+    """Options of a setting with given contacts, (n,), at a time step, s, as links of the ball."""
     # Bullet adds k h by itself.
-    bullets = contacts.damping - timestep * contacts.stiffness
-    columns = (contacts.onset.tolist(), contacts.stiffness.tolist(), bullets.tolist())
+    damping = contacts.damping - timestep * contacts.stiffness
+    columns = (contacts.onset.tolist(), contacts.stiffness.tolist(), damping.tolist())
     links = []
     for x, k, c in zip(*columns, strict=True):
         links.append({"onset": x, "stiffness": k, "damping": c})

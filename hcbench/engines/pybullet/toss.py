@@ -55,11 +55,13 @@ def simulate(
     timestep: float,
     tosses: Sequence[Toss],
 ) -> list[Floats]:
-    """States at the ends of steps (s) of each toss, (steps + 1, 13): position, quaternion w x y z,
-    velocity and spin in the world, SI; in a client of its own.
+    """Simulate tosses of a body on a plate, in a PyBullet client of their own.
 
-    values: of the setting's parameters, SI, in its order. Raises SettingError for numbers that a
-    plug-in's law does not take.
+    Returns the states of each toss at its start and after each step, (steps + 1, 13): position, m,
+    quaternion w x y z, velocity, m/s, and spin, rad/s, in the world.
+
+    setting: kind of contact. values: of the setting's parameters, SI, in its order. timestep: s.
+    Raises SettingError for numbers that a plug-in's law does not take.
     """
     bullet = BulletClient.direct()
     try:
@@ -77,10 +79,11 @@ def _load(
     given: Mapping[str, float],
     timestep: float,
 ) -> int:
-    """Make plate and body with their contact in an empty client; returns the body's id.
+    """Make a plate, a body and their contact in an empty client; returns the body's id.
 
-    body: shape, mass and inertia of what is tossed. setting: which contact it gets: a stiffness, a
-    restitution or the plug-in. given: parameters of the setting by name, SI. timestep: s.
+    body: shape, mass and inertia of what is tossed. setting: kind of contact: a stiffness, a
+    restitution, the plug-in, or no more than friction. given: parameters of the setting by name,
+    SI. timestep: s. Raises SettingError for numbers that a plug-in's law does not take.
     """
     from hcbench.engines.pybullet import plugin
 
@@ -111,10 +114,13 @@ def _load(
 
 
 def _simulate(bullet: BulletClient, body: int, toss: Toss, timestep: float) -> Floats:
-    """States of one toss before the first step and after each, (steps + 1, 13), SI, in the world.
+    """Simulate one toss, and return its states at the start and after each step, (steps + 1, 13):
+    position, m, quaternion w x y z, velocity, m/s, and spin, rad/s, in the world.
 
-    A state is position, quaternion w x y z, velocity and spin. Velocities are those of the true
-    motion at the step's end, which `as_body` makes of the integrator's.
+    The integrator's velocities are shifted by half a step's fall from those of the body, which are
+    given and returned.
+
+    body: its id. timestep: s.
     """
     start = toss.position.tolist()
     turned = _scalar_last(toss.quaternion).tolist()

@@ -28,7 +28,9 @@ def own_contact(squeezed: bool) -> str:
 
 
 def _options(blocks: TwoBlocks) -> Mapping[str, Any]:
-    """Keyword arguments of Bullet's calls."""
+    """Keyword arguments of Bullet's calls, by "world", "ball" and "plate": of its own contact, tuned
+    at the scene's one speed, or without such a speed those that a plug-in's law needs.
+    """
     if blocks.tuned_at is None:
         return {"world": recipes.WORLD, "ball": recipes.BALL, "plate": {}}
     target = Target(blocks.law, blocks.mass, blocks.timestep, blocks.tuned_at, blocks.tuned_at)
@@ -39,10 +41,12 @@ def _options(blocks: TwoBlocks) -> Mapping[str, Any]:
 def simulate(
     blocks: TwoBlocks, position: float, velocity: float, forces: Floats
 ) -> tuple[Floats, Floats]:
-    """(positions, m; velocities, m/s) of the ball along x before the first step and after each,
-    (n + 1,) each; in a client of its own.
+    """Simulate the ball between two blocks, in a PyBullet client of its own.
 
-    position, velocity: at the start, m and m/s. forces: N, (n,), one for each step.
+    Returns its positions, m, and velocities, m/s, along x, at the start and after each step,
+    (steps + 1,) each.
+
+    position, velocity: at the start, m and m/s. forces: on the ball along x, N, (steps,).
     """
     bullet = BulletClient.direct()
     try:
@@ -54,11 +58,12 @@ def simulate(
 def _simulate(
     bullet: BulletClient, blocks: TwoBlocks, position: float, velocity: float, forces: Floats
 ) -> tuple[Floats, Floats]:
-    """(positions, m; velocities, m/s) of the ball along x before the first step and after each, (n
-    + 1,) each, in a client that is empty.
+    """Simulate the ball between two blocks in an empty client.
 
-    position, velocity: at the start, m and m/s.
-    forces: N, (n,), one for each step.
+    Returns its positions, m, and velocities, m/s, along x, at the start and after each step,
+    (steps + 1,) each.
+
+    position, velocity: at the start, m and m/s. forces: on the ball along x, N, (steps,).
     """
     from hcbench.engines.pybullet import plugin
 

@@ -9,7 +9,10 @@ import rapier3d as rapier
 
 
 class RapierBodies:
-    """An engine of `hcbench_cases`: Rapier with the best settings that are known."""
+    """An engine of `hcbench_cases`: Rapier with the best settings that are known.
+
+    world: Rapier's. moving: its bodies that are not fixed, in the order of the case.
+    """
 
     name = "rapier"
     version = version("rapier3d")
@@ -28,9 +31,8 @@ class RapierBodies:
     def make(self, world: dict[str, Any]) -> None:
         """Build a world of Rapier, its bodies at their start.
 
-        world: in SI units: timestep, gravity, friction, restitution (or materials: e of the bodies
-        and of the floor), bodies, and floor, true or false. Rapier averages the restitutions of two
-        colliders, and their frictions.
+        world: of a case, in SI units: timestep, gravity, friction, restitution (or materials: e of
+        the bodies and of the floor), bodies, and floor, true or false.
         """
         self.world = rapier.PhysicsWorld(gravity=world["gravity"])
         self.world.integration_parameters.dt = world["timestep"]
@@ -64,7 +66,8 @@ class RapierBodies:
     def _insert(self, collider: Any, e: float, friction: float, handle: Any = None) -> None:
         """Add a collider to the world with its restitution and friction.
 
-        e: restitution. handle: of its body; None for one that is fixed in the world.
+        e: restitution. handle: of the body that it belongs to; None for one that is fixed in the
+        world.
         """
         colliders = self.world.colliders
         if handle is None:

@@ -61,8 +61,8 @@ def integrator_name(model: Any) -> str:
 
 
 def is_whole_state(model: Any) -> bool:
-    """Say whether MuJoCo's state determines the motion: no plug-in, sleep or
-    callback keeps a memory besides.
+    """Say whether MuJoCo's state alone determines the motion of a model: nothing else has a memory,
+    as plug-ins, sleeping bodies and callbacks of Python may have.
     """
     mujoco = backend()
     sleeps = int(getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", 0)) & model.opt.enableflags
@@ -166,10 +166,11 @@ def effective_mass(model: Any, data: Any, row: Floats) -> float:
 
 
 def volumes(model: Any, data: Any, body: int) -> tuple[float, float]:
-    """(volume of the boxes about each geom of a body's whole tree; of the box about all of them and
-    their frames), m³; 0 for a tree without a geom. Planes and height fields do not count.
+    """Two volumes of the tree of a body, m³: the sum of those of the boxes about each geom, and that
+    of the box about all of them and the bodies' frames.
 
-    data: MjData with the kinematics of a pose.
+    data: MjData with the kinematics of a pose. body: number of any body of the tree. Planes and
+    height fields do not count; the first is 0 for a tree without another geom.
     """
     bodies = np.flatnonzero(model.body_rootid == model.body_rootid[body])
     each = 0.0

@@ -77,7 +77,7 @@ class _SensorColumns:
 
     @classmethod
     def of(cls, model: Any) -> _SensorColumns:
-        """Find the columns in a model that was compiled with the sensors of `_add_sensors`."""
+        """Find the columns by the sensors' names, in a model compiled with those of `_add_sensors`."""
 
         def column(name: str) -> int:
             return int(model.sensor(f"{_OURS}{name}").adr[0])
@@ -153,7 +153,10 @@ class ModelDropBench(DropBench):
         )
 
     def _described(self, label: str, controller: str) -> Robot:
-        """The robot as results name it. label: of its model. controller: in words."""
+        """Data of the robot for results: names, mass (kg), time step (s) and gravity (m/s²).
+
+        label: name of its model. controller: what holds its joints, in words.
+        """
         gx, gy, gz = np.asarray(self.model.opt.gravity).tolist()
         return Robot(
             engine="mujoco",
@@ -166,10 +169,10 @@ class ModelDropBench(DropBench):
         )
 
     def test(self, seconds: float, drops: Sequence[RobotDrop] = DROPS) -> DropTest:
-        """Drop the robot with the contacts that `model` has now. seconds: of each drop.
+        """Drop the robot with the contacts that `model` has now, and join what each drop shows.
 
-        A drop that diverges makes the whole test a diverged one. Raises EngineFailed for a fatal
-        error of MuJoCo's.
+        seconds: to simulate of each drop. A drop that diverges makes the whole test a diverged one.
+        Raises EngineFailed for a fatal error of MuJoCo's.
         """
         landed = {}
         with captured_warnings():
@@ -178,17 +181,17 @@ class ModelDropBench(DropBench):
         return drop_test(self.robot, landed, seconds)
 
     def _release(self, drop: RobotDrop) -> Floats:
-        """MuJoCo's full state of a drop at release, (nstate,).
+        """MuJoCo's full state of the robot at the release of a drop, (nstate,).
 
-        The phase of a drop raises it by that share of the way of one step at touch, so that the
-        touch is later by that share of a step.
+        The phase of a drop raises the robot by this share of the way that it falls in the step of
+        the touch, so that it touches later by this share of a step.
         """
         mujoco = backend()
         model = self.model
         data = mujoco.MjData(model)
         data.qpos[:] = self._start.qpos
         for actuator in np.flatnonzero(model.actuator_actnum == 1).tolist():
-            # A filter that has settled.
+            # The filter of a servo that has held the pose for long: it has settled.
             data.act[model.actuator_actadr[actuator]] = self._controls[actuator]
         data.mocap_pos[:] = self._start.mocap_pos
         data.mocap_quat[:] = self._start.mocap_quat
@@ -206,9 +209,10 @@ class ModelDropBench(DropBench):
         return state
 
     def standing_geoms(self) -> set[tuple[int, int]]:
-        """(robot's geom, floor's) of the contacts that press a second after a flat drop from 2 cm.
+        """Geoms on which the robot stands after a flat drop from 2 cm: (number of the robot's geom,
+        of the floor's) of each contact with a force in the last _STANDS_S of SECONDS_TO_FALL.
 
-        Geoms have the numbers of the model. Those that touch in only some of the steps count.
+        Contacts that press in only some of these steps count.
         """
         mujoco = backend()
         data = mujoco.MjData(self.model)
@@ -229,8 +233,9 @@ class ModelDropBench(DropBench):
         return standing
 
     def _measured_height(self) -> float:
-        """Height of the centre of mass over the robot's lowest point, by bounding spheres, m; 1 mm
-        at least.
+        """Height of the robot's centre of mass over its lowest point in the pose, m, 1 mm at least.
+
+        The lowest point is that of the geoms' bounding spheres, so the height may be too large.
         """
         mujoco = backend()
         up = self._over_floor.up
@@ -245,10 +250,10 @@ class ModelDropBench(DropBench):
         return max(float(up @ centre) - lowest, 1e-3)
 
     def _landed(self, drop: RobotDrop, seconds: float) -> Landed | None:
-        """Simulate and read one drop, `seconds` long; None where it diverges, or never touches the
-        floor.
+        """Simulate one drop for `seconds`, and read how the robot lands; None where it diverges, or
+        never touches the floor.
 
-        drop: one of those whose release is known. MuJoCo's fatal errors pass.
+        drop: one of DROPS. Raises MuJoCo's fatal errors as they are.
         """
         mujoco = backend()
         steps = round(seconds / self.timestep)
@@ -269,9 +274,10 @@ class ModelDropBench(DropBench):
         return self._dropped.landed(self._motion(state, sensors[0]), drop.height)
 
     def _motion(self, state: Floats, sensors: Floats) -> DropMotion:
-        """The motion that a rollout shows.
+        """Motion of the robot at each of n steps, read from the sensors of a simulation.
 
-        state: MuJoCo's full state after each step, (n, nstate). sensors: their data, (n, nsensor).
+        state: MuJoCo's full state after each step, (n, nstate). sensors: data of all sensors, (n,
+        nsensordata).
         """
         columns = self._columns
         upward = np.zeros(len(sensors))
@@ -314,9 +320,10 @@ class ModelDropBench(DropBench):
 
 
 def landing(source: Any, requests: Sequence[Request], like: DropTest | None) -> DropTest:
-    """The whole test of a robot, as `DropBench.whole_test` says.
+    """Drop a robot in its pose from all heights, tilts and phases of DROPS, and judge its landing.
 
-    source: a file, MJCF text or an MjSpec. requests: of pairs of the robot with its floor.
+    source: a file, MJCF text or an MjSpec. requests: of pairs of the robot with its floor; the
+    first has the pose. like: a test whose length this one takes; None: long enough to come to rest.
     Raises UserError for what cannot be dropped or copied, EngineMissing for a MuJoCo without
     contact sensors.
     """
@@ -325,11 +332,11 @@ def landing(source: Any, requests: Sequence[Request], like: DropTest | None) -> 
 
 
 def landing_peaks(source: Any, request: Request) -> tuple[LandingPeak, ...]:
-    """Peak forces on the whole tree of the pair's moving body, dropped flat from each of HEIGHTS,
-    over its weight; infinite where it diverges.
+    """Drop the whole tree of the pair's moving body flat from each of HEIGHTS: for each the lowest
+    and the highest peak force over its weight, over the phases; infinite where it diverges.
 
-    source: a file, MJCF text or an MjSpec. Raises UserError for what cannot be dropped or copied,
-    EngineMissing for a MuJoCo without contact sensors.
+    source: a file, MJCF text or an MjSpec. request: of the pair. Raises UserError for what cannot
+    be dropped or copied, EngineMissing for a MuJoCo without contact sensors.
     """
     bench = ModelDropBench(spec_of(source), label_of(source), [request], falling_root)
     of_height: dict[float, list[float]] = {height: [] for height in HEIGHTS}
@@ -340,11 +347,11 @@ def landing_peaks(source: Any, request: Request) -> tuple[LandingPeak, ...]:
 
 
 def _bend_into_limits(model: Any, data: Any) -> int:
-    """Bend joints that are beyond their limits into them, which would throw the robot; return how
-    many there were.
+    """Bend joints that are beyond their limits back into them, as limits would throw the robot;
+    return how many there were.
 
-    data: MjData of the pose, whose qpos is changed: a hinge or slide then is 5 % of its range
-    inside its limit. Balls are left as they are.
+    data: MjData of the pose, whose qpos is changed: such a hinge or slide is put inside its limit
+    by _WITHIN_LIMITS of its range. Ball joints are left as they are.
     """
     kinds = backend().mjtJoint
     bent = 0

@@ -52,10 +52,10 @@ class MovingJoint:
 
 
 def named_pair(model: Any, names: tuple[str, str]) -> ContactPair:
-    """The pair that two names mean: bodies first, then geoms, or as "body:NAME" or "geom:NUMBER"
-    says.
+    """Find the pair of parts that two names mean, with those of their geoms that can meet.
 
-    Raises UserError for unknown names, and for two that are the same or cannot collide.
+    names: each that of a body, else of a geom; or "body:NAME", "geom:NUMBER" and the like. Raises
+    UserError for unknown names, and for two parts that are the same or cannot collide.
     """
     first = _named_geoms(model, names[0], names[1])
     second = _named_geoms(model, names[1], names[0])
@@ -66,19 +66,25 @@ def named_pair(model: Any, names: tuple[str, str]) -> ContactPair:
 
 
 def _named_geoms(model: Any, name: str, other: str | None = None) -> NamedGeoms:
-    """The part of this name with those of its geoms that can collide; with all where none can.
+    """Find the part of a model with this name, and those of its geoms that can collide; all of its
+    geoms if none can.
 
     name: of a body or geom, or "body:NAME", "geom:NUMBER" and the like. A body without geoms stands
     for the bodies that hang on it.
-    other: name of the part that it is to touch; None: of none.
+    other: name of the part that it is to touch, to list in an error what can; None for no list.
 
     Raises UserError where neither has geoms, and for a name that the model does not have: it lists
     what can touch the other part, the nearest first.
     """
     parts = [("body", body_name(model, b), b) for b in range(model.nbody)]
     parts += [("geom", geom_name(model, g), g) for g in range(model.ngeom)]
+
+    def is_bare_body(part: tuple[str, str, int]) -> bool:
+        kind, _, number = part
+        return kind == "body" and not model.body_geomnum[number]
+
     # A body without geoms comes last: of the same name, a geom is meant.
-    parts.sort(key=lambda part: part[0] == "body" and not model.body_geomnum[part[2]])
+    parts.sort(key=is_bare_body)
     kind, number = find_part(parts, name, lambda: _partners(model, other) if other else [])
     if kind == "geom":
         return NamedGeoms(name, int(model.geom_bodyid[number]), (number,))
@@ -90,8 +96,10 @@ def _named_geoms(model: Any, name: str, other: str | None = None) -> NamedGeoms:
 
 
 def _partners(model: Any, name: str) -> list[str]:
-    """Names of the geoms that can touch the part of a name, then of their bodies: at the model's own
-    pose, the nearest first. [] where the model does not have it.
+    """Names of the geoms that can touch a part, then of their bodies, in each case the nearest in
+    the model's own pose first; geoms without a name are left out.
+
+    name: of the part; [] where the model does not have it.
     """
     mujoco = backend()
     try:
@@ -126,9 +134,10 @@ def _collides(model: Any, geom: int) -> bool:
 
 
 def only_pair(model: Any) -> tuple[str, str] | None:
-    """Names of the only body that moves and of the only fixed geom, such as ("body:1", "geom:0").
+    """Names of the only body that moves and of the only geom of the world, such as ("body:1",
+    "geom:0"); None unless there is just one of each.
 
-    None where there is a choice. Only bodies with geoms count, and geoms that can collide.
+    Only bodies with geoms count, and geoms that can collide.
     """
     movers = [b for b in range(1, model.nbody) if geoms_of(model, b) and model.body_weldid[b]]
     others = [g for g in geoms_of(model, 0) if _collides(model, g)]
@@ -168,8 +177,9 @@ def _ancestors(model: Any, body: int) -> Iterator[int]:
 
 
 def moving_joints(model: Any, body: int) -> list[MovingJoint]:
-    """Movers of this body, nearest first: each body above it with a free joint or slides, the body
-    itself included, and last the whole robot if one of these joints turns. Empty for a fixed body.
+    """Ways to move a body towards another, the nearest first: by the free joint or slides of the
+    body itself and of each body that it hangs on; and last, if a joint among these turns, by all
+    joints of the robot. Empty for a body that cannot move.
     """
     joints = []
     for ancestor in _ancestors(model, body):
@@ -229,14 +239,15 @@ def _base_of(model: Any, chain: Sequence[int]) -> MovingJoint | None:
 
 
 def _from_named_body(model: Any, chain: Sequence[int], name: str) -> MovingJoint | None:
-    """The joints of a named body and all between it and the body that it carries, which then move
-    as a push at the contact would move them; None where it does not carry that body.
+    """Mover of a body by the joints of a named body that carries it and all joints between the two,
+    which move as a push at the contact would move them; by the free joint of the named body alone
+    if it has one; None where the named body does not carry the other.
 
-    chain: numbers of the body and of those that it hangs on, up to the root.
+    chain: numbers of the body to move and of those that it hangs on, up to the root.
     Raises UserError for a name that no body has.
     """
     names = [body_name(model, b) for b in range(model.nbody)]
-    # They are shown sanitized.
+    # `body_name` gives them sanitized.
     name = sanitized(name)
     if name not in names:
         raise UserError("move", f"no body {name!r}", *suggest_names(name, names[1:]))
@@ -294,7 +305,9 @@ def _of_joints(model: Any, joints: list[int]) -> MovingJoint | None:
 
 
 def immobile_error(pair: ContactPair) -> UserError:
-    """The error where neither of the two can be launched: fixed, or on hinges or balls alone."""
+    """The error to raise where neither part of a pair can be launched at the other: because both are
+    fixed, or on hinges or balls alone.
+    """
     states = []
     for part in (pair.first, pair.second):
         hinged = any(pair.model.body_jntnum[body] for body in _ancestors(pair.model, part.body))
@@ -311,9 +324,9 @@ def immobile_error(pair: ContactPair) -> UserError:
 
 
 def require_collisions(pair: ContactPair) -> ContactPair:
-    """The pair with those geoms only that MuJoCo collides with one of the other part.
+    """The pair, reduced to those geoms of each part that MuJoCo collides with a geom of the other.
 
-    Raises UserError, with what keeps all of them apart, where it collides none.
+    Raises UserError, with what keeps them apart, where it collides none.
     """
     model = pair.model
     first = pair.first
@@ -341,9 +354,10 @@ def _disabling(model: Any) -> str:
 
 
 def no_contact_error(pair: ContactPair) -> UserError:
-    """The error for two between which MuJoCo makes no contact, however deep they are in each other.
+    """The error to raise for two parts between which MuJoCo makes no contact, however deep they are
+    in each other.
 
-    It says why, by the first geom of each: a plug-in, a flag, a filter or their shapes.
+    It says why for the first geom of each: a plug-in, a flag, a filter or their shapes.
     """
     geoms = pair.first.geoms[0], pair.second.geoms[0]
     if has_force_law(pair.model, geoms):
@@ -384,7 +398,8 @@ def _why_apart(model: Any, geoms: tuple[int, int]) -> tuple[str, ...]:
         case "parent":
             return "parent and child are filtered", "a <pair> of the two in <contact>"
         case "":
-            one, other = (_shape(model, geom) for geom in geoms)
+            one = _shape(model, geoms[0])
+            other = _shape(model, geoms[1])
             return (
                 f"MuJoCo made no contact of a {one} inside a {other}",
                 "two geoms that it collides, that meet along their common normal",
@@ -421,8 +436,8 @@ def list_pairs(model: Any, request: Request, state: Any = None) -> list[Candidat
 
     state: MjData to start from, or None.
 
-    Raises UserError for a start configuration that the model cannot have, as `start_pose` does, for
-    a model in which a flag disables contacts, and for one in which only soft bodies can meet.
+    Raises UserError for a start configuration that the model cannot have, for a model in which a
+    flag disables contacts, and for one in which only soft bodies can meet.
     """
     mujoco = backend()
     if flag := _disabling(model):
@@ -441,9 +456,8 @@ def list_pairs(model: Any, request: Request, state: Any = None) -> list[Candidat
 
 
 def _collisions(model: Any) -> list[tuple[int, int]]:
-    """Numbers of each two geoms that MuJoCo collides, one that moves before one that is fixed.
-
-    Of two that move or stand, a plane comes last.
+    """Numbers of the two geoms of each pair that MuJoCo collides: first one that moves, then one
+    that is fixed; of two that both move or both are fixed, a plane comes last.
     """
     types = model.geom_contype
     affinities = model.geom_conaffinity
@@ -472,10 +486,10 @@ def _rank(model: Any, geom: int) -> tuple[bool, int]:
 
 
 def _touching(model: Any) -> dict[_Geoms, list[str]]:
-    """Names of the poses in which two geoms touch, by the two: qpos0 and the first keyframes.
+    """Poses in which geoms touch: the names of poses, by the numbers of the two geoms, ascending.
 
-    An empty list stands for two that only come within their margin. Raises UserError for a keyframe
-    with an impossible pose, as `start_pose` does.
+    The poses are the model's zero ("qpos0") and the first keyframes. The list is empty for two
+    that only come within their margin. Raises UserError for a keyframe with an impossible pose.
     """
     names_of: dict[_Geoms, list[str]] = {}
     poses = ["qpos0", *(str(i) for i in range(min(model.nkey, _POSES_MAX)))]
@@ -509,8 +523,8 @@ def _described(
     near = ContactPair(model, first, second).nearest(data)
     key = tuple(sorted((a, b)))
     normal = near.normal
-    # The nearest points coincide; the effective mass is the same for either
-    # sign of the contact's normal.
+    # Where the nearest points coincide there is no direction between them: take the contact's. The
+    # effective mass is the same for either sign of it.
     if not normal.any():
         for contact in data.contact:
             if tuple(sorted(contact.geom.tolist())) == key:
@@ -548,13 +562,14 @@ def _shape(model: Any, geom: int) -> str:
 def _mass_along(
     model: Any, data: Any, bodies: tuple[int, int], point: Floats, normal: Floats
 ) -> float:
-    """Effective mass of two bodies along a normal, kg; NaN where no joint moves one along it, but
-    for round-off.
+    """Effective mass of two bodies along a normal, kg; NaN where no joint moves either along it.
 
-    point: where they meet, m, (3,). normal: unit vector, (3,).
+    data: MjData with the kinematics. bodies: their numbers. point: where they meet, m, (3,).
+    normal: unit vector, (3,).
     """
     first, second = bodies
     mass = effective_mass(model, data, approach_row(model, data, first, second, point, normal))
+    # Bodies that cannot move along it have an infinite mass, or by round-off a huge one.
     heaviest = _HEAVIEST * float(model.body_mass.sum())
     return mass if mass < heaviest else math.nan
 

@@ -69,10 +69,10 @@ class FootContact(FootSpring):
 
 
 def foot_geoms(model: Any, requests: Sequence[Request]) -> list[Geoms]:
-    """All pairs of geoms of the pairs of the requests that MuJoCo collides, by their numbers.
+    """Geoms of the feet and the floor that MuJoCo collides: the numbers of each two.
 
-    requests: each with the names of its pair. Raises UserError for unknown names, and for more
-    geoms than can be written.
+    requests: each with the names of a foot and its floor. Raises UserError for unknown names, and
+    for more geoms than can be written.
     """
     pairs = []
     for request in requests:
@@ -82,11 +82,11 @@ def foot_geoms(model: Any, requests: Sequence[Request]) -> list[Geoms]:
 
 
 def set_contact(model: Any, plain: Any, geoms: Sequence[Geoms], contact: FootContact) -> None:
-    """Write a contact of the feet into the <pair>s of geoms in a compiled model, and its cone and
-    impratio into the model's options.
+    """Give the feet a contact in a compiled model: write solref and solimp of their <pair>s, and
+    the cone and impratio of the whole model.
 
-    model: changed. plain: the model as it is, whose cone and impratio hold where the contact has
-    none. geoms: numbers, two and two.
+    model: changed. plain: the model as the user has it, whose cone and impratio hold where the
+    contact has none. geoms: numbers of the two geoms of each <pair>.
     """
     for both in geoms:
         for number in explicit_pairs(model, both):
@@ -100,11 +100,12 @@ def set_contact(model: Any, plain: Any, geoms: Sequence[Geoms], contact: FootCon
 
 
 def write_contact(source: Any, requests: Sequence[Request], contact: FootContact) -> Written:
-    """The model of a source with the contact in <pair>s of all feet, in a spec of its own;
-    friction, condim and margin stay.
+    """Write a contact of the feet into a copy of a model, as <pair>s that keep the friction, condim
+    and margin of the geoms.
 
-    source: a file, MJCF text or an MjSpec. requests: each with the names of a foot and its floor.
-    Raises UserError for a source that cannot be written, for unknown pairs and for too many geoms.
+    source: a file, MJCF text or an MjSpec; it stays as it is. requests: each with the names of a
+    foot and its floor. Raises UserError for a source that cannot be written, for unknown pairs and
+    for too many geoms.
     """
     spec = spec_of(source)
     model = spec.compile()
@@ -183,7 +184,12 @@ class PairSearch(ReboundSearch[FootContact]):
     def __init__(
         self, source: Any, requests: Sequence[Request], before: DropTest, target: float
     ) -> None:
-        """Write a contact into a copy of the model, and drop the model as it is by the short drops."""
+        """Begin the search: write a first contact into a copy of the model, and make short drops of
+        the model as it is to compare with.
+
+        source: a file, MJCF text or an MjSpec. requests: of the feet's pairs. before: the whole
+        test of the model as it is. target: rebound, m; 0 for none.
+        """
         self.plain = spec_of(source).compile()
         self.geoms = foot_geoms(self.plain, requests)
         label = label_of(source)
@@ -205,8 +211,10 @@ class PairSearch(ReboundSearch[FootContact]):
     def drop(
         self, spring: FootContact | None, seconds: float, drops: Sequence[RobotDrop]
     ) -> DropTest:
-        """Drop the robot, `seconds` s each, with the contact in its <pair> elements; None: the model
-        as it is.
+        """Drop the robot with a contact of its feet, and judge the landing.
+
+        spring: the contact, written into the <pair>s; None for the model as it is. seconds: to
+        simulate of each drop. drops: heights, tilts and phases.
         """
         if spring is None:
             return self._own.test(seconds, drops)
@@ -226,20 +234,22 @@ class PairSearch(ReboundSearch[FootContact]):
         return tuple(self._with_stiffer_servos())
 
     def _with_stiffer_servos(self) -> Iterator[tuple[float, float]]:
-        """(factor of kp, largest rebound of contacts that are not worse in short drops, m) of
-        stiffer servos, until the target is in reach; nothing without servos, or for a rebound below
-        that of the model as it is.
+        """Find how much stiffer servos would bring the target in reach: yield (factor of kp, largest
+        rebound, m, of contacts that are not worse in short drops), until that reaches the target.
 
-        The model's gains are as they were afterwards.
+        Nothing for a model without servos, and for a target below the rebound of the model as it
+        is. The model's gains are changed meanwhile, and as they were afterwards.
         """
         model = self._written.model
         gains = model.actuator_gainprm.copy()
         biases = model.actuator_biasprm.copy()
         servos = biases[:, 1] < 0.0
         is_raised = self.target > self.before.rebound
-        for factor in _STIFFER if is_raised and servos.any() else ():
+        factors = _STIFFER if is_raised and servos.any() else ()
+        for factor in factors:
             model.actuator_gainprm[servos, 0] = factor * gains[servos, 0]
             model.actuator_biasprm[servos, 1] = factor * biases[servos, 1]
+            # kv by the root of the factor: the damping ratio stays.
             model.actuator_biasprm[servos, 2] = math.sqrt(factor) * biases[servos, 2]
             # A coarse grid tells where the target comes into reach.
             largest = self.largest_of_few()
@@ -262,17 +272,19 @@ def advice(model: Any) -> tuple[str, ...]:
 
 
 def _all_feet(search: PairSearch, requests: Sequence[Request]) -> tuple[str, ...]:
-    """A sentence where parts that no pair names stand on the floor, with the options that name all;
-    else none.
+    """Advice to name all feet: one sentence, if parts that no pair names stand on the floor, with
+    the options that name all; else empty.
 
     A spring of one foot of four hardly changes how the robot lands, at any step.
     """
     if search.before.falls:
         return ()
     model = search.plain
-    named = {
-        int(model.body_weldid[model.geom_bodyid[geom]]) for both in search.geoms for geom in both
-    }
+    # Rigid bodies of the geoms that the pairs name.
+    named: set[int] = set()
+    for both in search.geoms:
+        for geom in both:
+            named.add(int(model.body_weldid[model.geom_bodyid[geom]]))
     others: dict[int, tuple[str, str]] = {}
     for geom, floor in sorted(search.standing):
         body = int(model.body_weldid[model.geom_bodyid[geom]])
@@ -299,7 +311,8 @@ def _part(model: Any, geom: int) -> str:
 def rebound_settings(
     source: Any, requests: Sequence[Request], before: DropTest, target: float
 ) -> ReboundSettings:
-    """Settings of the feet for a rebound, found by drops; the search runs as they are asked for.
+    """Settings of a robot's feet with which its centre of mass rebounds to the target, found by
+    drops of the robot; each search runs as its settings are asked for.
 
     source: a file, MJCF text or an MjSpec. requests: of the feet's pairs. before: the whole test of
     the model as it is. target: the rebound, m.

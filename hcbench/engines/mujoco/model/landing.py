@@ -86,10 +86,10 @@ def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) 
 
 
 def _broken_promises(model: Any, floor: Iterable[int]) -> Iterator[str]:
-    """Sentences on the pairs with the floor that are no longer as `hcbench tune` wrote them, one of
-    each kind.
+    """Sentences on contacts with the floor that are no longer as `hcbench tune` wrote them, one for
+    each kind of change.
 
-    floor: numbers of the geoms that were touched.
+    floor: numbers of the floor's geoms that were touched.
     """
     gravity = float(np.linalg.norm(model.opt.gravity))
     reported = set()
@@ -189,7 +189,9 @@ class _Bench:
         backend().mj_forward(model, start)
 
     def _pairs_of_impulses(self) -> set[tuple[int, int]]:
-        """(robot's geom, floor's) of the pairs that a plug-in's law turns back by impulses."""
+        """Numbers (robot's geom, floor's) of the geoms between which a plug-in's restitution law acts,
+        which turns bodies back by impulses.
+        """
         if not self.model.nplugin:
             return set()
         geoms = np.flatnonzero(self.over_floor.of_robot[:-1]).tolist()
@@ -207,12 +209,13 @@ class _Bench:
         MuJoCo finds the state unstable.
         """
         data = copy.copy(self.start)
+        # Quaternion w x y z of a turn about y.
         turn = np.array([math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0])
         turn_base(data, self._address, turn)
         up = self.over_floor.up
         to_touch = self.over_floor.way_up(data, self._address, up)
-        more = raised_for(phase, height, self.over_floor.gravity, self.timestep)
-        data.qpos[self._address : self._address + 3] += up * (height + to_touch + more)
+        for_phase = raised_for(phase, height, self.over_floor.gravity, self.timestep)
+        data.qpos[self._address : self._address + 3] += up * (height + to_touch + for_phase)
         backend().mj_forward(self.model, data)
         forget_resets(data)
         fall = self._fall(data, height, drive)
@@ -278,10 +281,12 @@ class _Bench:
         return fall
 
     def _struck_points(self, data: Any) -> list[_Point]:
-        """Points that a plug-in's law will turn back by impulses in the step that goes on from
-        `data`; the plug-in strikes within that step, so they are found before it.
+        """Points of the robot that a plug-in's law will turn back by impulses in the coming step;
+        empty for a model without such a law.
 
-        The state, with the controls, also goes into the data of the step without contact.
+        data: MjData before the step. The plug-in acts within the step, so the points are found
+        before it. The state is also copied into the data of the step without contact, which
+        `_force_by_momentum` takes.
         """
         if self._without_contact is None:
             return []
@@ -301,10 +306,11 @@ class _Bench:
         return points
 
     def _force_by_momentum(self, data: Any, beside: WithoutContact) -> float:
-        """Mean force of the floor on the robot in the step just taken, N upwards: the momentum
-        that it has beyond that after the same step without contact, over the step.
+        """Mean force of the floor on the robot in the step just taken, N upwards: its momentum less
+        that after the same step without contact, over the time step.
 
-        data: after the step. beside: has the state before it, and takes its step here.
+        data: MjData after the step. beside: has the state before the step; its step without contact
+        is taken here.
         """
         robot = self.over_floor
         jacobian = np.zeros((3, self.model.nv))
@@ -313,8 +319,8 @@ class _Bench:
         return robot.mass * gained / self.timestep
 
     def _pressed_points(self, data: Any, before: Floats) -> tuple[list[_Point], float]:
-        """(points at which the floor presses on the robot; its whole force on it, N upwards) in the
-        step just taken, by MuJoCo's contact forces.
+        """Read MuJoCo's contact forces in the step just taken: the points at which the floor presses
+        on the robot, and the sum of its forces on the robot, N upwards.
 
         data: MjData after the step, with the contacts of its start. before: velocities at its
         start, (nv,).
@@ -340,10 +346,11 @@ class _Bench:
     def _tread(
         self, feet: _Feet, pressed: Sequence[_Point], struck: Sequence[_Point], time: float
     ) -> None:
-        """Add one step to the feet, with new ones that touch in it.
+        """Add one step to the logs of the feet, and a new foot for each part that touches first.
 
-        pressed, struck: its points that feel forces and impulses. time: of its start, s after the
-        first touch.
+        feet: by the number of their rigid body; changed. pressed: points of the step that feel
+        forces. struck: points that a plug-in's law turns back by impulses. time: of the step's
+        start, s after the first touch.
         """
         pressed_of: dict[int, list[_Point]] = {}
         for point in pressed:
@@ -351,10 +358,13 @@ class _Bench:
             self.floor_geoms.add(point.floor)
         for body, points in pressed_of.items():
             geoms = {point.geom for point in points}
-            force, depth, speed, slide = np.array([point[2:] for point in points]).T
+            force = np.array([point.force for point in points])
+            depth = np.array([point.depth for point in points])
+            speed = max(point.speed for point in points)
+            slide = np.array([point.slide for point in points])
             if body not in feet:
                 has_law = any(not geoms.isdisjoint(pair) for pair in self._struck)
-                log = FootfallLog(time, float(speed.max()), float(slide.max()), by_impulses=has_law)
+                log = FootfallLog(time, speed, float(slide.max()), by_impulses=has_law)
                 feet[body] = _Foot(log, set())
             feet[body].geoms.update(geoms)
             # The mean speed along the floor, weighed by the forces.
@@ -388,10 +398,10 @@ class _Bench:
     def _speeds(
         self, data: Any, velocity: Floats, point: Floats, normal: Floats, geom: int
     ) -> tuple[float, float]:
-        """(speed towards the floor, along it) of the robot's material at a point, m/s.
+        """Speeds of a point of the robot towards the floor and along it, m/s.
 
-        data: MjData with the kinematics. velocity: (nv,). point: m, (3,). normal: unit vector away
-        from the floor, (3,). geom: the robot's, which has the point.
+        data: MjData with the kinematics. velocity: of the model, (nv,). point: m, (3,). normal:
+        unit vector away from the floor, (3,). geom: number of the robot's geom that has the point.
         """
         jacobian = np.zeros((3, self.model.nv))
         body = int(self.model.geom_bodyid[geom])
@@ -408,7 +418,11 @@ class _Bench:
 
 
 def _require_stable(data: Any, time: float) -> None:
-    """Raise EngineFailed where MuJoCo reset the state in the step just taken. time: of its start, s."""
+    """Raise EngineFailed if MuJoCo reset the state in the step just taken, as it does with an
+    unstable one.
+
+    data: MjData after the step. time: from release to its start, s.
+    """
     if resets(data):
         raise EngineFailed(
             "model",
@@ -429,7 +443,8 @@ _Parts = tuple[int, int]
 def touchdowns(
     model: Any, label: str, request: Request, recorded: Mapping[str, Floats]
 ) -> TrajectoryTouchdowns:
-    """Every touchdown of a part that moves on one that does not, or of the request's pair.
+    """Find every touchdown in a recorded motion: of parts that move on parts that do not, or, if
+    the request names a pair, of that pair.
 
     model: MjModel. label: what to call it. recorded: qpos (n, nq), qvel (n, nv), and time (n,), s,
     where it is known.
@@ -460,11 +475,11 @@ def _ascending(geoms: _Geoms) -> _Geoms:
 def _events(
     model: Any, motion: RecordedMotion, kept: set[_Geoms] | None
 ) -> dict[_Geoms, list[Touchdown]]:
-    """Touchdowns of every two rigid parts, in the order of time, by the first two of their geoms
-    that touched.
+    """Find the touchdowns of every two rigid parts in a recorded motion, in the order of time; by
+    the numbers of the first two of their geoms that touched, the moving one first.
 
-    kept: two and two geoms whose contacts count, the smaller number first; None: those of a part
-    that moves with one that does not. The speeds are those of the state before, or of the first in
+    kept: pairs of geoms whose contacts count, the smaller number first; None: contacts of a part
+    that moves with one that does not. Speeds are those of the state before, or of the first in
     contact, the faster of the two: a contact slows, and free flight may speed up, within the time
     between two states. Parts that touch in the first state have not come down.
     """
@@ -507,10 +522,11 @@ def _put(model: Any, data: Any, qpos: Floats, qvel: Floats) -> None:
 
 
 def _moving_first(model: Any, data: Any, kept: set[_Geoms] | None) -> list[_Geoms | None]:
-    """The two geoms of each contact, the body that moves first; None for one that does not count.
+    """Numbers of the two geoms of each contact in `data`, that of the moving body first; None for a
+    contact that does not count.
 
-    kept: two and two, the smaller number first, of which contacts count; None: those of a part that
-    moves with one that does not.
+    kept: pairs of geoms whose contacts count, the smaller number first; None: contacts of a part
+    that moves with one that does not.
     """
     contacts = data.contact
     pairs: list[_Geoms | None] = []
@@ -521,7 +537,9 @@ def _moving_first(model: Any, data: Any, kept: set[_Geoms] | None) -> list[_Geom
         # A geom of -1 is none: the contact is that of a flex.
         if excluded or distance > 0.0 or min(a, b) < 0:
             continue
-        a_moves, b_moves = (bool(model.body_weldid[model.geom_bodyid[geom]]) for geom in (a, b))
+        # Bodies that are welded to the world have a weldid of 0.
+        a_moves = bool(model.body_weldid[model.geom_bodyid[a]])
+        b_moves = bool(model.body_weldid[model.geom_bodyid[b]])
         is_asked = a_moves != b_moves if kept is None else _ascending((a, b)) in kept
         if is_asked:
             pairs[-1] = (a, b) if a_moves else (b, a)
@@ -531,10 +549,10 @@ def _moving_first(model: Any, data: Any, kept: set[_Geoms] | None) -> list[_Geom
 def _closing_speeds(
     model: Any, state: Any, touching: Any, contact: int, geoms: _Geoms
 ) -> tuple[float, float]:
-    """(speed at which two geoms close in, at which they slide on each other) at a contact, m/s.
+    """Speeds with which two geoms approach and slide on each other at a contact, m/s.
 
-    state: MjData whose velocities count. touching: MjData that has the contact, by its number.
-    geoms: of the contact, the first of which moves.
+    state: MjData whose velocities count. touching: MjData that has the contact. contact: its number
+    there. geoms: numbers of the two, the one that moves first.
     """
     point = touching.contact.pos[contact]
     # From the contact's first geom to its second.
@@ -566,7 +584,8 @@ def _foot(model: Any, geoms: _Geoms, events: Sequence[Touchdown]) -> Touchdowns:
     else:
         solref = contact_in_force(model, *geoms)["solref"]
         setting = "solref " + " ".join(f"{x:.4g}" for x in solref)
-    part, other = (_geom_or_body_name(model, geom) for geom in geoms)
+    part = _geom_or_body_name(model, geoms[0])
+    other = _geom_or_body_name(model, geoms[1])
     time, speed, slide = np.array(events).T
     return Touchdowns(part, other, time, speed, slide, band, setting)
 

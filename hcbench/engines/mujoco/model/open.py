@@ -105,8 +105,9 @@ class OpenedModel(ModelUnderTest):
         self.shares: dict[str, float] = {}
 
     def _falls_freely(self) -> bool:
-        """Say whether the two have one constant acceleration apart from the contact. Joints, a
-        moving second body, and a corner that turns in the impact change it.
+        """Say whether the acceleration between the two bodies is constant but for the contact: not
+        if joints or servos act, the second body moves, or the first one turns as it hits with a
+        corner.
         """
         model = self.model
         place = self.place
@@ -176,7 +177,7 @@ _BINARY_ROOM = 1 << 28
 
 
 def live_state(source: Any) -> tuple[Any, Any] | None:
-    """(MjModel, MjData) of a user's state in Python; None for anything else.
+    """Find the MjModel and the MjData in a user's state in Python; None for anything else.
 
     source: an MjData, a gymnasium, dm_control or robosuite environment, or any object. The two are
     the user's own objects, not copies.
@@ -201,10 +202,11 @@ def live_state(source: Any) -> tuple[Any, Any] | None:
 
 
 def load(source: Any, request: Request) -> tuple[Any, str, Any]:
-    """(MjModel, what to call it, MjData or None) with the request's step and gravity; the user's
-    own objects stay as they were.
+    """Load a user's model, with the request's time step, gravity and actuators: an MjModel, its name
+    in outputs, and the MjData to start from, or None; the user's own objects stay as they were.
 
-    source: a path, an MjModel, an MjSpec, MJCF text, or what `live_state` knows.
+    source: a path, an MjModel, an MjSpec, MJCF text, or a state in Python: an MjData or an
+    environment.
 
     Raises SceneError for what is not there, does not compile or has impossible numbers,
     QuantityError for numbers outside the bounds, EngineFailed where there is too little memory.
@@ -242,10 +244,8 @@ def load(source: Any, request: Request) -> tuple[Any, str, Any]:
 
 
 def as_requested(model: Any, request: Request) -> Any:
-    """The model, changed in place, with the time step (s), gravity (m/s²) and actuators of a
-    request.
-
-    What the request leaves out stays as the model has it.
+    """Set the time step (s), gravity (m/s²) and actuators that a request asks for, and return the
+    model, which is changed in place; what the request leaves out stays.
     """
     if request.timestep is not None:
         model.opt.timestep = request.timestep

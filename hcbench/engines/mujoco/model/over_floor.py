@@ -51,13 +51,17 @@ class OverFloor:
     """
 
     def __init__(self, model: Any, root: int) -> None:
-        """Read the robot whose base has this number; the model must have gravity."""
+        """Read a robot and its floors from a compiled model, which must have gravity.
+
+        root: number of the robot's base body.
+        """
         self.model = model
         self.root = root
         self.gravity = float(np.linalg.norm(model.opt.gravity))
         self.up: Floats = -np.asarray(model.opt.gravity) / self.gravity
         self.mass = float(model.body_subtreemass[root])
         self.weight = self.mass * self.gravity
+        # A contact of a flex has the geom -1, which finds the False at the ends.
         body_of_geom = np.asarray(model.geom_bodyid)
         self.of_robot = np.append(model.body_rootid[body_of_geom] == root, False)
         # MuJoCo welds what stands still to the world, whose number is 0.
@@ -69,7 +73,7 @@ class OverFloor:
         return body_name(self.model, self.root)
 
     def between(self, geoms: NDArray[Any]) -> NDArray[np.bool_]:
-        """Say of each contact whether it is one of the robot with what stands still, (n,).
+        """Mask, (n,), of the contacts between the robot and what stands still.
 
         geoms: numbers of the two geoms of each contact, (n, 2), in either order.
         """
@@ -209,8 +213,8 @@ def _is_driven(model: Any, root: int) -> bool:
 
 
 def falling_joint(model: Any, root: int, up: Floats) -> tuple[int, Floats]:
-    """(where in qpos the joint begins by which a robot falls; change of its numbers that raises the
-    robot by 1 m: (3,) of a free joint, (1,) of a slide).
+    """Find the joint by which a robot falls: the index in qpos at which it begins, and the change of
+    its numbers that raises the robot by 1 m, (3,) for a free joint, (1,) for a slide.
 
     root: number of the robot's base. up: unit vector, (3,).
     Raises UserError for a base with neither a free joint nor a slide within 26 degrees of up.
@@ -243,12 +247,11 @@ _MOST_KD = 0.3
 
 
 def drive_of(controller: Controller, model: Any, start: Any, root: int) -> tuple[Drive, str]:
-    """(what sets the controls before each step, what to call it).
-
-    start: MjData of the pose to hold.
-    root: the robot's base body.
+    """Make the function of MjData that sets the controls before each step, and a phrase that
+    describes it.
 
     controller: "pd", "pd:KP,KD", "ctrl", or a function of (MjModel, MjData).
+    start: MjData of the pose to hold. root: number of the robot's base body.
 
     Raises UserError for another one, for gains other than numbers from 0 up, and for a function of
     other arguments; the drive of a function also raises it, for controls that do not fit.
@@ -261,13 +264,15 @@ def drive_of(controller: Controller, model: Any, start: Any, root: int) -> tuple
     if kind != "pd":
         expected = "pd, pd:KP,KD, ctrl, or FILE.py:FUNCTION"
         raise UserError("controller", repr(controller), expected)
-    gains = [units.parse(gain, "number", "controller") for gain in text.split(",") if colon]
+    gains: list[float] = []
+    if colon:
+        gains = [units.parse(gain, "number", "controller") for gain in text.split(",")]
     return _pd(model, start, root, gains)
 
 
 def _function(function: Callable[[Any, Any], Any], model: Any) -> Drive:
-    """A drive by a user's function of (MjModel, MjData), which returns the
-    controls or sets them itself.
+    """Make the function that sets the controls before each step out of a user's function of
+    (MjModel, MjData), which returns the controls, (nu,), or sets them itself and returns None.
 
     Raises UserError for a function of other arguments and, while it drives, for controls of another
     number or that are not finite.
@@ -301,7 +306,8 @@ def _function(function: Callable[[Any, Any], Any], model: Any) -> Drive:
 
 
 def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, str]:
-    """(drive that holds the pose, what to call it), for the hinges and slides of one robot.
+    """Make the function that holds the pose of one robot by its hinges and slides, and a phrase that
+    describes it.
 
     Position servos get their joint's angle as target; motors get PD torques; joints without an
     actuator are free.
@@ -331,10 +337,11 @@ def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, s
 
 
 def _holding(model: Any, start: Any, root: int, gains: Sequence[float]) -> _Pd:
-    """The servos and motors of a robot that hold its pose.
+    """Find the position servos and the motors of a robot that can hold its pose, with the targets of
+    the servos and the gains of the motors.
 
     start: MjData of the pose, with its kinematics and mass matrix. root: number of the robot's base
-    body. gains: kp and kd of all motors, SI; [] for those by weight and inertia.
+    body. gains: kp and kd of all motors, SI; [] for gains chosen by weight and inertia.
     """
     servos: list[int] = []
     targets: list[float] = []
@@ -345,6 +352,7 @@ def _holding(model: Any, start: Any, root: int, gains: Sequence[float]) -> _Pd:
             continue
         if int(model.body_rootid[model.jnt_bodyid[joint]]) != root:
             continue
+        # Index of the joint's angle, rad, or position, m, in qpos.
         angle = int(model.jnt_qposadr[joint])
         gear = float(model.actuator_gear[actuator, 0]) or 1.0
         gain = float(model.actuator_gainprm[actuator, 0])
@@ -362,11 +370,12 @@ def _holding(model: Any, start: Any, root: int, gains: Sequence[float]) -> _Pd:
 
 
 def hold_pose(model: Any, start: Any, root: int) -> tuple[Floats, str]:
-    """(controls that hold the pose, (nu,); what holds it), as "pd" of `drive_of` does.
+    """Let constant controls hold the pose of a robot: return these controls, (nu,), and a phrase of
+    what holds the pose.
 
-    model: changed: its motors become servos with the gains and the torques that PD gives them, so
-    constant controls hold the pose.
-    start: MjData of the pose, left as it was. root: number of the robot's base body.
+    model: changed: its motors become servos with the gains and largest torques that PD control
+    would give them. start: MjData of the pose, left as it was. root: number of the robot's base
+    body.
     """
     before = start.ctrl.copy()
     drive, words = drive_of("pd", model, start, root)
@@ -444,13 +453,15 @@ def _span(values: list[float]) -> str:
 
 
 def _gains(model: Any, data: Any, root: int, joint: int) -> tuple[float, float]:
-    """(kp, kd) of a joint, N m/rad and N m s/rad; of a slide N/m and N s/m.
+    """Choose gains kp and kd for the motor of a joint: N m/rad and N m s/rad of a hinge, N/m and
+    N s/m of a slide.
 
     data: MjData of the pose, with its kinematics and mass matrix.
-    root: number of the robot's base body.
+    root: number of the robot's base body. joint: number of the joint.
 
-    With kp the whole weight, at the end of what the joint carries, turns it by 1 rad (slide: moves
-    it 2 cm); kd is a share of it. Both are small enough for the step to stay stable.
+    With this kp the robot's whole weight, at the end of what the joint carries, would turn the
+    joint by 1 rad (move a slide by 2 cm); kd is a share of it. Both are limited so that the time
+    step stays stable.
     """
     h = float(model.opt.timestep)
     dof = int(model.jnt_dofadr[joint])
@@ -471,13 +482,15 @@ def _gains(model: Any, data: Any, root: int, joint: int) -> tuple[float, float]:
 
 
 def _reach(model: Any, data: Any, body: int, anchor: Floats) -> float:
-    """Distance from a joint's anchor to the centre of the farthest geom that hangs on it, m.
+    """Distance from a joint's anchor to the centre of the farthest geom that hangs on it, m; 0.1 m,
+    a guess, where that is 0 or infinite.
 
-    body: the joint's. anchor: (3,), m, in the world. 0.1 m, a guess, where that is 0.
+    data: MjData with the kinematics. body: number of the joint's. anchor: (3,), m, in the world.
     """
     reach = 0.0
     for geom in range(model.ngeom):
         above = int(model.geom_bodyid[geom])
+        # A body's parent has a smaller number than the body.
         while above > body:
             above = int(model.body_parentid[above])
         if above == body:

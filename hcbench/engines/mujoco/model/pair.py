@@ -36,12 +36,11 @@ _FORCE_KEYS = (
 
 
 def restitution_law(model: Any, geoms: Sequence[int]) -> RestitutionCurve | None:
-    """Restitution that the plug-in hcbench.restitution gives a contact of two geoms.
+    """e over speed that the plug-in hcbench.restitution gives a contact of two geoms; None if no
+    instance of the plug-in names them or their bodies.
 
-    model: compiled MjModel.
-    geoms: numbers of the two. None if no instance of the plug-in names them or their bodies.
-
-    Raises SettingError for an alpha that no law has.
+    model: compiled MjModel. geoms: numbers of the two. Raises SettingError for an alpha that no law
+    has.
     """
     config = _config(model, geoms, _KEYS)
     if config is None:
@@ -120,13 +119,12 @@ class WithoutContact:
         return after
 
     def force(self, row: Floats, velocity: Floats, mass: float) -> float:
-        """Mean force of the contact in the step from the state in `data`, N; 0 where rounding made
-        it.
+        """Mean force of the contact in a step, N, by the difference that it makes to the approach
+        speed; 0 where the difference is only round-off.
 
-        Takes the same step without contact, which changes `data`.
-        row: (nv,), Jacobian of the approach rate.
-        velocity: (nv,), after the step with the contact.
-        mass: effective mass along the normal, kg.
+        `self.data` has the state before the step; here the same step is taken in it without
+        contact. row: Jacobian of the approach rate, (nv,). velocity: after the step with the
+        contact, (nv,). mass: effective mass along the normal, kg.
         """
         apart = float(row @ self.step())
         together = float(row @ velocity)
@@ -214,10 +212,11 @@ class ContactPair:
 
     @cached_property
     def sides(self) -> NDArray[np.int8]:
-        """(ngeom + 1,): 1 for geoms of the first, 2 for the second's, else 0.
+        """Side of each geom in the pair, (ngeom + 1,): 1 for those of the first part, 2 for those of
+        the second, 0 for others.
 
-        Two of a contact add up to BOTH_SIDES only if it is the pair's. The last is a 0: MuJoCo
-        gives flexes the geom -1, which indexes it.
+        So the two geoms of a contact add up to BOTH_SIDES only if it is the pair's. The last number
+        is a 0 for flexes, to which MuJoCo gives the geom -1.
         """
         sides = np.zeros(self.model.ngeom + 1, dtype=np.int8)
         sides[list(self.first.geoms)] = 1
@@ -226,12 +225,12 @@ class ContactPair:
 
     @cached_property
     def in_trees(self) -> NDArray[np.bool_]:
-        """(ngeom + 1,): which geoms are of the bodies, robots and all, that the two belong to."""
-        roots = [
-            int(self.model.body_rootid[body])
-            for body in (self.first.body, self.second.body)
-            if body
-        ]
+        """Mask of the geoms in the trees of bodies, such as whole robots, to which the two belong,
+        (ngeom + 1,); the last is False, for flexes, to which MuJoCo gives the geom -1.
+        """
+        # Body 0 is the world, which is not a tree of its own.
+        bodies = [body for body in (self.first.body, self.second.body) if body]
+        roots = self.model.body_rootid[bodies]
         return np.append(np.isin(self.model.body_rootid[self.model.geom_bodyid], roots), False)
 
     @cached_property
@@ -268,10 +267,11 @@ class ContactPair:
         return approach_row(self.model, data, self.first.body, self.second.body, point, normal)
 
     def contact(self, data: Any) -> PairContact | None:
-        """The contact of the two in `data`, averaged over its points; None where none acts.
+        """MuJoCo's contact between the two parts, averaged over its points: normal, place and
+        parameters, SI; None where none acts.
 
-        data: MjData after collision detection. Distance and onset are those of the deepest point
-        and of the widest margin.
+        data: MjData after collision detection. The distance is that of the deepest point, the onset
+        the widest margin.
         """
         contacts = data.contact
         sides = self.sides
@@ -343,9 +343,11 @@ class ContactPair:
         return best
 
     def _above_field(self, data: Any) -> Nearest:
-        """Roughly find the nearest point over a height field, with the height as the distance, m.
+        """Estimate the nearest points of a height field and the other part's first geom: the normal is
+        the field's upward axis, the distance the height, m, of the geom's bounding sphere over the
+        field's highest possible point.
 
-        The height is that of the other's bounding sphere over the field's highest possible point.
+        data: MjData with the kinematics. It is for a pair in which one geom is a height field.
         """
         field = self.height_field
         model = self.model

@@ -31,8 +31,9 @@ class MujocoAlongPlate:
     def __init__(self, place: PairAtTouch, launch: Launch, along: Vector | None) -> None:
         """Find the axes of the plate, and which degrees of freedom are the pair's.
 
-        along: direction of the plate's first axis, in the world; None: x, or y where that is
-        normal to the plate. Raises UserError for one that is 0 or normal to the plate.
+        place: the pair at touch. launch: the oblique launch. along: direction of the plate's first
+        axis, in the world; None: x, or y where that is normal to the plate. Raises UserError for
+        one that is 0 or normal to the plate.
         """
         self.place = place
         self.pair = place.pair
@@ -51,8 +52,8 @@ class MujocoAlongPlate:
         self._moving = np.isin(model.body_rootid[model.dof_bodyid], moving)
 
     def send(self, data: Any, flight_time: float) -> None:
-        """Add the launch's slip (m/s) and spin (rad/s) to the motion, and put the body
-        back by their way in the flight.
+        """Add the launch's slip and spin to the motion of the body at release, and put the body back
+        by the way that they move it until the touch.
 
         data: MjData at release, with the normal motion in it; its qpos and qvel change.
         flight_time: from release to touch, s.
@@ -65,7 +66,7 @@ class MujocoAlongPlate:
         start = data.qpos.copy()
         data.qpos[:] = self.place.qpos
         mujoco.mj_kinematics(model, data)
-        # The contact point is known beforehand at touch.
+        # Note the body's centre for the contact point, which is known of the pose at touch alone.
         self.seen(data)
         data.qpos[:] = start
         mujoco.mj_kinematics(model, data)
@@ -77,6 +78,7 @@ class MujocoAlongPlate:
         centre = data.xipos[self.body].copy()
         mujoco.mj_jac(model, data, jacobian[:3], jacobian[3:], centre, self.body)
         dofs = self._dofs()
+        # Velocities of the joints that come nearest to the slip and the spin of the body.
         motion = np.linalg.lstsq(jacobian[:, dofs], asked, rcond=None)[0]
         missed = np.abs(jacobian[:, dofs] @ motion - asked).max()
         if missed > _MISSED * np.abs(asked).max():
@@ -109,9 +111,9 @@ class MujocoAlongPlate:
         self._origin = data.xipos[self.body].copy()
 
     def push(self, frame: Floats, wrench: Floats, turned: bool) -> None:
-        """Add the friction of one contact.
+        """Add the friction of one contact to `friction`, N, that on the moving body in the world.
 
-        frame: its axes in MuJoCo's order: normal, then two tangents; (9,).
+        frame: the contact's axes in MuJoCo's order: normal, then two tangents; (9,).
         wrench: MuJoCo's contact force along these axes, N, and torques; (6,).
         turned: the moving geom is the contact's second.
         """
@@ -123,13 +125,11 @@ class MujocoAlongPlate:
             self.friction = self.friction - pushed
 
     def row(self, data: Any, velocity: Floats, point: Floats, rate: float) -> Floats:
-        """Motion along the plate, shape (8,): slip 2 m/s, spin 3 rad/s,
-        friction 2 N, other energy J.
+        """Motion of the pair along the plate in one state, (8,): slip of the contact point (2, m/s),
+        spin (3, rad/s), friction (2, N), and the kinetic energy without that of the approach (J).
 
-        data: MjData with the kinematics of the state.
-        velocity: (nv,), in that state.
-        point: of the contact, m.
-        rate: of approach, m/s; its energy is left out.
+        data: MjData with the kinematics of the state. velocity: of the state, (nv,). point: of the
+        contact, m, (3,). rate: of approach, m/s. The friction that `push` added is used up.
         """
         model = self.pair.model
         slip = [self.pair.approach_row(data, point, axis) @ velocity for axis in self.axes[:2]]
@@ -146,11 +146,11 @@ class MujocoAlongPlate:
         return np.array([*slip, *(self.axes @ spin), *friction, energy])
 
     def _kinetic_energy(self, data: Any, velocity: Floats, point: Floats) -> float:
-        """Kinetic energy of the two bodies, J; where joints act, of the
-        launched one against the other.
+        """Kinetic energy of the two bodies, J; where joints or servos act, that of the launched
+        body's tree as seen from the other body.
 
-        velocity: (nv,).
-        point: of the contact, m, where the other's velocity is taken.
+        data: MjData with the kinematics. velocity: (nv,). point: of the contact, m, (3,), at which
+        the other body's velocity is taken.
         """
         mujoco = backend()
         model = self.pair.model
@@ -213,8 +213,10 @@ class PairReader:
         return self._normal
 
     def contact_point(self, data: Any) -> Floats:
-        """Point of the last contact, m; moved along with the centre of a
-        body that slides and spins.
+        """Point of the last contact in the world, m, (3,); in an oblique launch moved on with the
+        centre of the body since then.
+
+        data: MjData with the kinematics of the present state.
         """
         self._use_contact()
         if self.along is None:
@@ -229,12 +231,12 @@ class PairReader:
         return self._row
 
     def read(self, data: Any, velocity: Floats) -> tuple[float | None, float, float]:
-        """(penetration beyond the onset, m, None without a contact; force, N; approach rate, m/s).
+        """Read the pair in one state: penetration beyond the onset of the contact, m, None without a
+        contact; force, N, above 0 where it pushes apart; approach rate, m/s.
 
-        data: MjData with contacts and forces of one state.
-        velocity: (nv,) of that state. The force is above 0 where it pushes apart. The contact's
-        point and normal are kept for `normal` and `contact_point`; friction goes to `along`,
-        the reader of oblique launches.
+        data: MjData with contacts and forces of the state. velocity: of the state, (nv,).
+        The contact's point and normal are kept for `normal` and `contact_point`; friction goes to
+        `along`, the reader of oblique launches.
         """
         # The links have turned since the last step.
         self._row = None
@@ -257,16 +259,19 @@ class PairReader:
         return penetration, force, self._dot(self.row(data), velocity)
 
     def _force_and_parting(self, data: Any, contacts: Any) -> tuple[float, float | None]:
-        """(force of the pair's contacts together, N; mean rate at which they part, m/s, None where
-        none of them has a constraint row) in the state that `data` has forces of.
+        """Force of all contacts of the pair together, N, and the mean rate at which they part, m/s,
+        None if no contact has a constraint row, and so a force.
 
-        contacts: those of `data`. The friction of each goes to `along`.
+        data: MjData with the forces of a state. contacts: all contacts of `data`. The friction of
+        each of the pair's goes to `along`.
         """
         addresses = contacts.efc_address.tolist()
         rates = data.efc_vel
         force = 0.0
         parting = 0.0
         acting = 0
+        # The pair's contacts: index among all, whether its second geom is the moving one, and
+        # whether its friction cone is a pyramid.
         for i, turned, is_pyramid in self._mine:
             address = addresses[i]
             # A contact without a constraint row has no force.
@@ -285,10 +290,10 @@ class PairReader:
         return force, parting / acting if acting else None
 
     def _find_pair(self, geoms: list[list[int]], dims: list[int]) -> None:
-        """Find the pair's contacts among all, into `_mine`; kept until other geoms touch.
+        """Find the pair's contacts among all, and keep them in `_mine` until other geoms touch; note
+        in `others` whether there are contacts of others.
 
-        geoms: the two of each contact.
-        dims: condim of each.
+        geoms: numbers of the two geoms of each contact. dims: condim of each.
         """
         sides = self.place.pair.sides
         self._geoms = geoms
@@ -301,9 +306,10 @@ class PairReader:
         self.others = len(self._mine) < len(geoms)
 
     def _use_contact(self) -> None:
-        """Take the point and the normal from the contacts of the last `read`; nothing without any.
+        """Compute `_point` and `_normal` from the contacts of the last `read`, unless that is done:
+        the mean of their points, and the normal of the first, from the moving body to the other.
 
-        The point is the mean of the contacts'; the normal is the first one's, from the moving body.
+        It is put off until one of them is asked for: most steps need neither.
         """
         if self._unread is None:
             return
@@ -330,10 +336,11 @@ class PairReader:
         return self.place.gap - float(self.place.pair.nearest(data).distance)
 
     def other_geoms(self, data: Any) -> set[int]:
-        """Numbers of the geoms that touch either one's tree of bodies,
-        besides the pair's own contact.
+        """Numbers of the other geoms that touch the two bodies, or what hangs on them: geoms outside
+        their trees, and geoms of these trees that touch each other.
 
-        data: MjData with its contacts; those without a force do not count.
+        data: MjData with its contacts; the pair's own do not count, nor those without a constraint
+        row.
         """
         sides = self.place.pair.sides
         in_tree = self.place.pair.in_trees

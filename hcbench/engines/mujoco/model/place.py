@@ -68,9 +68,10 @@ class PairAtTouch:
 
 
 def require_plausible_contact(model: Any, place: PairAtTouch) -> None:
-    """Refuse a contact whose solref MuJoCo replaces, or whose geoms' friction no surface has.
+    """Raise QuantityError for a contact whose solref MuJoCo would replace, having numbers of
+    different signs, or whose geoms have more friction than any surface.
 
-    Raises QuantityError; --beyond-bounds admits all.
+    place: the pair at touch. With --beyond-bounds nothing is refused.
     """
     if admits_beyond_bounds():
         return
@@ -95,13 +96,13 @@ def require_plausible_contact(model: Any, place: PairAtTouch) -> None:
 def bring_to_touch(
     pair: ContactPair, data: Any, coming_from: Vector | None = None, move: str | None = None
 ) -> PairAtTouch:
-    """Bring the two just to touch, by moving the first (or else the
-    second) along their common normal.
+    """Bring two parts just to touch, by moving the first (or, if it cannot, the second) along their
+    common normal: the pair as it is to be launched.
 
     data: MjData at rest in the start configuration; changed.
-    coming_from: the side of the moving body, a unit vector away from the other; None: the nearest
-    way.
-    move: the one that may move, "base:", "body:NAME" or "joint:NAME"; None: the first that can.
+    coming_from: unit vector from the other to the side from which the moving body comes; None: the
+    nearest way.
+    move: what may be moved, "base:", "body:NAME" or "joint:NAME"; None: the first that can.
 
     Raises SceneError where the two start deep in each other, UserError where joints start outside
     their limits, where no joint brings the two together, or where something else is in the way.
@@ -140,15 +141,16 @@ def _by_some_joint(
     row: Floats,
     overlap: float,
 ) -> PairAtTouch:
-    """The two brought together the nearest way, by the first of the movers that leads there within
-    the limits of its joints, else by the first at all.
+    """Bring two parts together the nearest way, by the first mover that does so within the limits of
+    its joints, or else by the first that does so at all.
 
     data: MjData at the start, and again when this returns.
-    movers: (pair with the moving part first, mover).
-    row: (nv,), Jacobian of the approach rate along the line between them.
+    movers: (pair with the moving part first, mover) of each.
+    row: Jacobian of the approach rate along the line between the two, (nv,).
     overlap: of the two at the start, m.
 
-    Raises the UserError of the mover that says most, where none leads there.
+    Raises UserError where no mover brings them together: of the reasons that the movers give, that
+    the two pass each other goes first.
     """
     # A miss goes first: it says more than what else is in the way.
     errors: list[UserError] = []
@@ -191,10 +193,11 @@ def _is_strained(placed: PairAtTouch) -> bool:
 
 
 def _raised(pair: ContactPair, data: Any, near: Nearest) -> Nearest:
-    """Move the free base of a robot out of the other, up to _RAISED, and return the nearest points.
+    """Move a robot on a free base out of the other part, if they overlap by no more than _RAISED, m;
+    return the nearest points afterwards.
 
-    near: the nearest points of the two in `data`; returned unchanged without such a base, or where
-    the two do not overlap. Keyframes of standing robots often start a little inside the floor.
+    Keyframes of standing robots often start a little inside the floor. data: MjData; changed. near:
+    the nearest points of the two in `data`, which are returned where nothing is moved.
     """
     model = pair.model
     base = _free_base(pair)
@@ -202,11 +205,10 @@ def _raised(pair: ContactPair, data: Any, near: Nearest) -> Nearest:
         return near
     move = _slide(pair.approach_row(data, near.point, near.normal), base)
     if _is_alone(pair, base) or move is None:
-        # The same normal: inside the other body the nearest points could
-        # give another one after the move.
         return near
     backend().mj_integratePos(model, data.qpos, move, float(near.distance))
     backend().mj_forward(model, data)
+    # The normal of before: where two just touch the nearest points could give another one.
     return pair.nearest(data)._replace(normal=near.normal)
 
 
@@ -236,9 +238,10 @@ class _PassedError(UserError):
 
 
 def _joints(pair: ContactPair, move: str | None = None) -> list[tuple[ContactPair, MovingJoint]]:
-    """(pair with the moving part first, mover) of each joint or robot that can move one of the two.
+    """Movers of the two parts: (pair with the moving part first, mover) of each joint, or robot as a
+    whole, that can move one of them.
 
-    move: the only mover that may, "base:", "body:NAME" or "joint:NAME"; None: any.
+    move: the only mover that may be taken, "base:", "body:NAME" or "joint:NAME"; None: any.
 
     Raises UserError where that one carries neither of the two, or is not in the model.
     """
@@ -259,16 +262,16 @@ def _joints(pair: ContactPair, move: str | None = None) -> list[tuple[ContactPai
 def _along_nearest(
     pair: ContactPair, data: Any, joint: MovingJoint, row: Floats, overlap: float
 ) -> PairAtTouch | None:
-    """The two brought together the nearest way by one joint; None where it
-    does not move one to the other.
+    """Bring two parts together the nearest way by one mover; None where it does not move the one
+    towards the other.
 
-    pair: with the moving part first.
+    pair: with the moving part first. joint: the mover.
     data: MjData at the start, and again when this returns.
-    row: (nv,), Jacobian of the approach rate along the line between them.
+    row: Jacobian of the approach rate along the line between the two, (nv,).
     overlap: of the two at the start, m.
 
-    Raises UserError where MuJoCo makes no contact of them or something holds them back, as
-    `_at_touch` does, and its kind _PassedError where the two pass each other.
+    Raises UserError where MuJoCo makes no contact of them, or something holds them back or is in
+    the way; its kind _PassedError where the two pass each other.
     """
     start = data.qpos.copy()
     try:
@@ -293,9 +296,9 @@ def _along_nearest(
 
 
 def _passed_error(pair: ContactPair, data: Any, gap: float) -> _PassedError:
-    """The error for two that pass each other.
+    """The error to raise for two parts that pass each other without touching.
 
-    gap: their nearest distance on the way, m.
+    data: MjData with the kinematics. gap: their nearest distance on the way, m.
     """
     heights = [float(data.geom_xpos[part.geoms[0]][2]) for part in (pair.first, pair.second)]
     return _PassedError(
@@ -310,11 +313,11 @@ def _passed_error(pair: ContactPair, data: Any, gap: float) -> _PassedError:
 def _from_there(
     pair: ContactPair, data: Any, coming_from: Vector, chosen: str | None = None
 ) -> PairAtTouch:
-    """The two brought together from one direction, by a free or slide joint.
+    """Bring two parts together along one direction, by a free joint or slides.
 
     data: MjData at the start; changed.
-    coming_from: the side of the first part, a unit vector away from the second; the second comes
-    from the other side.
+    coming_from: unit vector from the second part to the side from which the first comes; where the
+    second is moved, it comes from the other side.
     chosen: the only mover that may, "base:", "body:NAME" or "joint:NAME"; None: any.
     Raises UserError where no joint moves one of them along it, they do not meet, or something else
     is in the way.
@@ -331,6 +334,7 @@ def _from_there(
         start = data.qpos.copy()
         backend().mj_integratePos(model, data.qpos, move, -_clear_of(ordered, data, normal))
         contact = TouchSearch(ordered, data, move).contact_at_touch()
+        # On its own line it misses the other: try the line through the other's middle.
         if contact is None:
             data.qpos[:] = start
             backend().mj_fwdPosition(model, data)
@@ -354,10 +358,10 @@ def _words(vector: Floats) -> str:
 
 
 def _clear_of(pair: ContactPair, data: Any, normal: Floats) -> float:
-    """Distance, m, by which the first has to go back to be clear of the second.
+    """Distance, m, by which the first part has to go back to be clear of the second, by their
+    bounding spheres: enough, not the least.
 
-    normal: unit vector, (3,), along which the first approaches. By bounding spheres: enough, not
-    the least.
+    data: MjData with the kinematics. normal: unit vector along which the first approaches, (3,).
     """
     model = pair.model
     ahead = 0.0
@@ -371,10 +375,10 @@ def _clear_of(pair: ContactPair, data: Any, normal: Floats) -> float:
 
 
 def _move_over(pair: ContactPair, data: Any, joint: MovingJoint, normal: Floats) -> None:
-    """Move the first sideways, until its middle is on the line through the middle of the second.
+    """Move the first part sideways, until its middle is on the line along `normal` through the
+    middle of the second; leave it where the joint cannot move it sideways.
 
-    normal: unit vector, (3,), along which the first approaches.
-    Nothing moves where the joint cannot.
+    data: MjData; changed. normal: unit vector along which the first approaches, (3,).
     """
     model = pair.model
     middles = [
@@ -391,10 +395,11 @@ def _move_over(pair: ContactPair, data: Any, joint: MovingJoint, normal: Floats)
 
 
 def _guess_normal(pair: ContactPair, data: Any) -> Floats:
-    """Unit normal, (3,), from the first to the second of two that just touch at the start.
+    """Unit normal from the first to the second of two parts that just touch, (3,), where their
+    nearest points coincide and give no direction.
 
-    Their nearest points coincide and give none: it is that of MuJoCo's contact, else of a plane,
-    else along the line between the geoms' centres, else down.
+    It is that of MuJoCo's contact; else of a plane; else along the line between the centres of the
+    first geoms; else down. data: MjData with contacts.
     """
     contact = pair.contact(data)
     if contact is not None:
@@ -408,9 +413,10 @@ def _guess_normal(pair: ContactPair, data: Any) -> Floats:
 
 
 def _slide(row: Floats, joint: MovingJoint) -> Floats | None:
-    """Least velocity, (nv,), of a mover's degrees of freedom that approaches at 1 m/s.
+    """Smallest velocity of the degrees of freedom of a mover with which the two approach at 1 m/s,
+    (nv,); None where the mover hardly changes the approach rate.
 
-    row: (nv,), Jacobian of the approach rate. None where the mover hardly changes that rate.
+    row: Jacobian of the approach rate, (nv,).
     """
     along = row[list(joint.dofs)]
     squared = float(along @ along)
@@ -422,10 +428,11 @@ def _slide(row: Floats, joint: MovingJoint) -> Floats | None:
 
 
 def _acceleration_in_flight(model: Any, data: Any, row: Floats) -> float:
-    """Acceleration of the approach at rest, m/s², by gravity, springs and actuators.
+    """Acceleration with which two bodies at rest approach without a contact, m/s²: by gravity,
+    springs and actuators.
 
-    row: (nv,), Jacobian of the approach rate.
-    Contact is off, as one that just touches may already push, or adhere.
+    data: MjData of the pose; its accelerations are computed. row: Jacobian of the approach rate,
+    (nv,). Contact is off, as one that just touches may already push, or adhere.
     """
     mujoco = backend()
     flags = model.opt.disableflags
@@ -443,12 +450,12 @@ def _at_touch(
     contact: PairContact,
     overlap: float,
 ) -> PairAtTouch:
-    """The pair as it is to be launched.
+    """Describe a pair at touch as it is to be launched: direction, effective mass and acceleration
+    of the approach.
 
-    pair: with the moving body first.
-    data: at touch.
-    move: (nv,), the motion that led there.
-    overlap: at the start, m.
+    pair: with the moving body first. joint: the mover. data: MjData at touch.
+    move: velocity along which the two were brought together, (nv,). contact: MuJoCo's, of the two.
+    overlap: of the two at the start, m.
 
     Raises UserError where the contact's normal is not one that the joint can move along, where
     other parts are in the way, or where a tendon or an equality holds the two back.
@@ -488,10 +495,9 @@ def _at_touch(
 
 
 def _require_room(pair: ContactPair, data: Any) -> None:
-    """Refuse a touch at which other parts of what moves would be deep in something.
+    """Raise UserError if at touch another part of what moves is deep in something; it names the two.
 
-    pair: with the moving part first.
-    data: MjData at touch, with its contacts. Raises UserError that names the two parts.
+    pair: with the moving part first. data: MjData at touch, with its contacts.
     """
     model = pair.model
     names = (pair.first.name, pair.second.name)
@@ -519,13 +525,12 @@ def _require_room(pair: ContactPair, data: Any) -> None:
 def tether_error(
     model: Any, data: Any, by_push: Floats, names: tuple[str, str]
 ) -> UserError | None:
-    """Error for tendons at their limits and stretched equalities that hold the two back at touch.
+    """The error to raise where a tendon beyond its limit, or a stretched equality, holds two parts
+    back from touching; None where no such constraint feels a push at the contact.
 
     data: MjData at touch, with its constraints.
-    by_push: (nv,) M^-1 J^T, the motion by a push at the contact.
+    by_push: M^-1 J^T, the motion by a unit push at the contact, (nv,).
     names: of the two, the moving part first.
-
-    None where no such constraint feels the push.
     """
     mujoco = backend()
     if not data.nefc:

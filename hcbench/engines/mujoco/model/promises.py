@@ -27,11 +27,10 @@ if TYPE_CHECKING:
 
 
 def promise_lines(pairs: Iterable[Pair], promise: Promise) -> str:
-    """The <custom> section that states a promise for some pairs, to paste; "" for a target that a
-    text cannot say.
+    """The <custom> section of MJCF that states a promise for some pairs, as text; "" for a promise
+    whose target a text cannot state.
 
-    pairs: names of two geoms each. promise: the one promise of all of them. `promise_in` reads it
-    again.
+    pairs: names of two geoms each. promise: that of all of them. `promise_in` reads it again.
     """
     if not promise.text:
         return ""
@@ -85,13 +84,12 @@ _CURED = 4.0
 def slow_for_plugin(
     model: Any, impacts: Sequence[Impact], law: RestitutionCurve, gravity: float
 ) -> Iterator[Suspect]:
-    """Yield the step, where it is so long that the plug-in takes the
-    slowest impacts for bodies at rest.
+    """Suspect a time step so long that the plug-in takes the slowest impacts for bodies at rest; at
+    most one suspect.
 
-    law: e over speed that the plug-in is given.
-    gravity: m/s², along the normal.
-
-    An impact counts where it is slower than _SLOW g h and its e is below the law's by more than
+    impacts: of the model. law: e over speed that the plug-in was given. gravity: g along the
+    normal, m/s².
+    It is suspected where an impact slower than _SLOW g h has an e below the law's by more than
     TOLERANCE.
     """
     timestep = float(model.opt.timestep)
@@ -130,13 +128,13 @@ _OTHER_UNIT = 50.0
 def broken_promise(
     model: Any, promise: Promise, geoms: tuple[int, int], gravity: float, contacts: int = 0
 ) -> Iterator[Suspect]:
-    """Yield each difference by which the pair is no longer the one that was tuned.
+    """Yield a suspect for each difference between a pair and the one that `hcbench tune` wrote.
 
-    promise: what `hcbench tune` wrote into the model; of one without rows, which is a plug-in's,
-    gravity's unit and the time step alone count.
-    geoms: numbers of the two.
-    gravity: of the model, m/s².
-    contacts: of the pair at touch, each <pair> its own at each point; 0 where that is not known.
+    promise: what it wrote into the model; of a promise without rows, which is a plug-in's, only the
+    unit of gravity and the time step count.
+    geoms: numbers of the two. gravity: of the model, m/s².
+    contacts: number of MuJoCo's contacts of the pair at touch, one for each <pair> at each point; 0
+    where that is not known.
     """
     yield from _gravity(promise, gravity)
     if not promise.rows:
@@ -178,9 +176,10 @@ def _longer_step(model: Any, promise: Promise) -> Iterator[Suspect]:
 
 
 def _gravity(promise: Promise, gravity: float) -> Iterator[Suspect]:
-    """Yield another gravity, m/s², than that under which the pair was tuned.
+    """Suspect another gravity than that under which the pair was tuned, or another unit of length;
+    at most one suspect, none where the promise names no gravity.
 
-    Nothing where the promise names none. A plug-in holds under any gravity in metres.
+    gravity: of the model, m/s². A plug-in holds under any gravity in metres.
     """
     if math.isnan(promise.gravity):
         return
@@ -204,10 +203,10 @@ def _gravity(promise: Promise, gravity: float) -> Iterator[Suspect]:
 
 
 def _pairs(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iterator[Suspect]:
-    """Yield how the <pair>s of two geoms differ from those that hcbench wrote.
+    """Suspect the <pair>s of two geoms where they differ from those that hcbench wrote: if some are
+    missing or added, if a margin or gap makes one act from afar, or if the friction is another.
 
-    promise: of the two, what hcbench wrote. geoms: numbers of the two. Some missing or added, a
-    margin or gap that makes one act from afar, another friction.
+    promise: what hcbench wrote of the two. geoms: their numbers.
     """
     joining = explicit_pairs(model, geoms)
     lost = promise.rows - len(joining)
@@ -253,10 +252,10 @@ def _pairs(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iterator[Sus
 
 
 def _corners(promise: Promise, points: int) -> Iterator[Suspect]:
-    """Another number of points of contact at once than the pair was tuned for: more gain energy,
-    with fewer e is another.
+    """Suspect that the two meet at another number of points at once than the pair was tuned for:
+    with more it gains energy, with fewer e is another. At most one suspect.
 
-    points: 0 where their number is not known.
+    points: at which they meet; 0 where that is not known.
     """
     if not promise.corners or points in (0, promise.corners):
         return
@@ -275,7 +274,7 @@ def _corners(promise: Promise, points: int) -> Iterator[Suspect]:
 
 
 def _override(model: Any) -> Iterator[Suspect]:
-    """The flag that replaces solref and solimp of every contact."""
+    """Suspect the flag that replaces solref and solimp of every contact, if it is set."""
     flag = int(backend().mjtEnableBit.mjENBL_OVERRIDE)
     if not model.opt.enableflags & flag:
         return

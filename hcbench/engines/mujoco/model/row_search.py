@@ -105,10 +105,11 @@ def starting_rows(adhesive: bool) -> Rows:
 
 
 def _damper(damping: float, impedance: tuple[float, float, float], adhesive: bool) -> ConstraintRow:
-    """A row of this damping (1/s) per unit mass, which acts the more the deeper the two are.
+    """A contact row that only damps, and the more the deeper the two bodies are.
 
-    impedance: its highest, width (m) and midpoint; at touch it is MuJoCo's least.
-    adhesive: whether it may pull.
+    damping: per unit mass, 1/s. impedance: its highest value, the depth at which it is reached
+    (m), and the midpoint, three numbers of solimp; at touch it is MuJoCo's least. adhesive: whether
+    the row may pull.
     """
     solimp = (MIN_IMPEDANCE, *impedance, POWER)
     adhesion = 0.0
@@ -177,10 +178,11 @@ class RowSearch:
     def _start_states(
         self, opened: MujocoModel, plan: Sequence[tuple[float, float]]
     ) -> tuple[Floats, Floats]:
-        """(states, one row a launch; controls, (nu,)) of the model at release.
+        """States of the model at the release of each launch, MuJoCo's full ones, (n, nstate), and
+        the controls, (nu,).
 
         opened: the model at touch in one attitude.
-        plan: speed, m/s, and where in a step it touches, 0 to 1, of each launch.
+        plan: speed, m/s, and phase (where in a step it touches, 0 to 1) of each of the n launches.
 
         Also puts the controls and the like of `opened` into `_data`, where rollouts look for them.
         """
@@ -198,18 +200,19 @@ class RowSearch:
             getattr(self._data, field)[:] = getattr(opened.start, field)
         for state, (speed, phase) in zip(states, plan, strict=True):
             data.qpos[:] = place.qpos
+            # One and a half steps, and the phase, before the touch.
             mujoco.mj_integratePos(model, data.qpos, place.direction, -speed * h * (1.5 + phase))
             data.qvel[:] = speed * place.direction
             mujoco.mj_getState(model, data, state, kind)
         return states, data.ctrl.copy()
 
     def _errors(self, generation: Sequence[Rows], limits: Floats) -> Floats:
-        """Cost of each pair of rows: the largest error of e, and what energy gained and unrest at
-        rest cost, (n,).
+        """Cost of each pair of rows, (n,): the largest error of e, plus costs of an e that is too
+        large and of vibration and depth at rest.
 
-        generation: n pairs of rows, up to _MEMBERS. Their launches of one part go into one rollout,
-        whose calls would take as long as the steps of a small model.
-        limits: costs from which rows are given up, (n,); the number returned is then above its
+        generation: n pairs of rows, up to _MEMBERS. All launches of one part go into one rollout: a
+        call for each would take as long as the steps of a small model.
+        limits: costs above which rows are given up, (n,); the number returned is then above its
         limit, but not the whole cost.
         """
         # A generation may have fewer members than there are models.
@@ -224,8 +227,9 @@ class RowSearch:
             in_band = speed > 0.9 * self._band[0]
             target = np.zeros(speed.shape)
             target[in_band] = self._goal.at(speed[in_band])
-            off = np.where(in_band, np.abs(e - target), 0.0)
-            worst[tried] = np.maximum(worst[tried], off.max(axis=1))
+            # Slower launches are there for their energy alone.
+            errors = np.where(in_band, np.abs(e - target), 0.0)
+            worst[tried] = np.maximum(worst[tried], errors.max(axis=1))
             largest_e[tried] = np.maximum(largest_e[tried], e.max(axis=1))
             largest_target[tried] = np.maximum(largest_target[tried], target.max(axis=1))
         tried = np.flatnonzero(worst <= limits)
@@ -236,10 +240,11 @@ class RowSearch:
         return worst
 
     def _unrest(self, tried: Whole) -> Floats:
-        """Cost of the vibration and depth of members a while after they were laid, (m,).
+        """Cost of how the pairs rest with the rows of some members, (m,): of vibration and depth a
+        while after the bodies were laid down.
 
-        tried: numbers of the members, (m,). The worst of all pairs counts. Vibration is the
-        standard deviation of the approach rates, infinite where the state diverged.
+        tried: indices of the members, (m,). The worst of all pairs counts. Vibration is the
+        standard deviation of the approach rates, m/s, infinite where the state diverged.
         """
         worst = np.zeros(len(tried))
         deepest = np.zeros(len(tried))
@@ -267,13 +272,13 @@ class RowSearch:
     def _bounces(
         self, tried: Whole, number: int, states: Floats, control: Floats
     ) -> tuple[Floats, Floats]:
-        """(e, impact speed m/s) of each launch of each member, (m, n), at the touch plane.
+        """Simulate launches with the rows of each member: e, (m, n), and impact speed, m/s, (m, n).
 
-        tried: numbers of the members, (m,). number: of the opened model whose pair is read.
-        states: one row a launch. control: (nu,).
+        tried: indices of the members, (m,). number: index of the opened model whose pair is read.
+        states: at release, one row for each of n launches. control: (nu,).
 
-        Both speeds are those of the parabola of free flight through three states. e is 0 for a
-        launch that does not part, and COSTS for one that diverged.
+        Speeds are those at the touch plane, of the parabola of free flight through three states. e
+        is 0 for a launch that does not part, and COSTS for one that diverged.
         """
         x = self._depths(tried, number, states, control, _STEPS).reshape(-1, _STEPS)
         inside = np.nan_to_num(x, nan=1.0) > 0.0
@@ -286,17 +291,18 @@ class RowSearch:
         e = np.where(parted.any(axis=1), out / np.maximum(into, 1e-12), 0.0)
         e = np.nan_to_num(e, nan=COSTS)
         speed = into / float(self._model.opt.timestep)
-        # No member may be left, whose shape no -1 can tell.
+        # Not (-1, n): there may be no member left.
         shape = (len(tried), len(states))
         return e.reshape(shape), speed.reshape(shape)
 
     def _depths(
         self, tried: Whole, number: int, states: Floats, control: Floats, steps: int
     ) -> Floats:
-        """Penetration of the pair of one opened model after each step, m; (m, n, steps).
+        """Simulate launches with the rows of each member: penetration of the pair of one opened model
+        after each step, m, (m, n, steps).
 
-        tried: numbers of the members, (m,). number: of the opened model.
-        states: one row a launch. control: (nu,), kept for all steps.
+        tried: indices of the members, (m,). number: index of the opened model.
+        states: at release, one row for each of n launches. control: for all steps, (nu,).
         """
         if len(tried) == 0:
             return np.empty((0, len(states), steps))
@@ -313,10 +319,13 @@ class RowSearch:
         return np.asarray(depths).reshape(len(tried), len(states), steps)
 
     def rows(self, parameters: Floats, adhesive: bool) -> Rows:
-        """Spring and damper of parameters (7,), in the order of _LOWEST.
+        """The two rows, a spring and a damper, that a point of the search stands for.
 
-        Shortened to the digits that are written into the model, so that what is tried is what the
-        user pastes. adhesive: whether the damper may pull.
+        parameters: (7,). Of the spring its half period in steps, and logarithms of its loss a step
+        and of the odds d/(1 - d) of its impedance; of the damper logarithms of its damping times h,
+        the odds of its impedance, the width of solimp over v h, v the band's highest speed, and its
+        midpoint. adhesive: whether the damper may pull.
+        Numbers have the digits that are written into the model: what is tried is what users paste.
         """
         half_period, log_loss, spring_odds, log_damping, damper_odds, log_width, log_midpoint = (
             parameters
@@ -360,12 +369,12 @@ class RowSearch:
 
 
 def _add_distance_sensors(spec: Any, opened: Sequence[MujocoModel]) -> list[int]:
-    """Add one sensor a pair of geoms to a spec: their distance, m; return each model's number of
-    it.
+    """Add a sensor to a spec for each two geoms that meet: their distance, m; return for each model
+    the index of its sensor among these.
 
     spec: changed. opened: the models, each with its pair at touch. The sensors come last in the
-    compiled model's sensor data, in the order of their numbers from 0 on. The attitudes of a pair
-    share its sensor, which takes time in each step.
+    compiled model's sensor data, in the order of their indices. The attitudes of a pair share its
+    sensor, which takes time in each step.
     """
     mujoco = backend()
     # In the order of their numbers.
@@ -387,10 +396,10 @@ def _add_distance_sensors(spec: Any, opened: Sequence[MujocoModel]) -> list[int]
 
 
 def _speeds_and_phases(band: tuple[float, float], is_large: bool) -> list[tuple[float, float]]:
-    """(speed m/s, where in a step it touches, 0 to 1) of each launch: over
-    the band, then some slow ones.
+    """Plan of the launches of a search: (speed, m/s; phase, where in a step it touches, 0 to 1) of
+    each, over the band, then of some slower ones.
 
-    band: lowest and highest impact speed, m/s. is_large: fewer launches, for a slow model.
+    band: lowest and highest impact speed, m/s. is_large: the model is slow, so fewer launches.
     """
     low, high = band
     count, phases = _GRID_SMALL

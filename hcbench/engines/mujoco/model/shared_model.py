@@ -97,10 +97,11 @@ class LentModel(ModelUnderTest):
         )
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
-        """Return the engine's differences from MuJoCo, then the suspects of MuJoCo itself.
+        """Suspects of the engine: its differences from MuJoCo that matter to the pair, then what
+        MuJoCo itself suspects in the model.
 
         impacts: as the engine stepped them. wanted: e over speed, None where the user named none.
-        Also simulates one launch of each speed in MuJoCo itself, to compare.
+        One launch of each speed is simulated in MuJoCo itself, to compare.
         """
         own = self._own.suspects(impacts, wanted)
         # The engine's differences concern the user's own contact: not one with fixes.
@@ -150,27 +151,28 @@ class LentModel(ModelUnderTest):
         """
         # One phase of each speed: the last.
         of_speed = {impact.launch.at_any_phase: impact for impact in impacts}
-        mine = list(of_speed.values())
-        theirs = simulate.impacts_in(self._own, [impact.launch for impact in mine])
+        by_engine = list(of_speed.values())
+        by_mujoco = simulate.impacts_in(self._own, [impact.launch for impact in by_engine])
         worst = None
         largest = TOLERANCE
-        for own, its in zip(mine, theirs, strict=True):
-            if not own.is_measured and not its.is_measured:
+        for here, there in zip(by_engine, by_mujoco, strict=True):
+            if not here.is_measured and not there.is_measured:
                 continue
-            difference = abs(own.restitution - its.restitution)
+            difference = abs(here.restitution - there.restitution)
             if math.isnan(difference):
                 # One of the two has no e.
                 difference = math.inf
             if difference > largest:
-                worst = (own, its)
+                worst = (here, there)
                 largest = difference
         if worst is None:
             return
-        own, its = worst
+        here, there = worst
         yield Suspect(
             "unlike-mujoco",
             f"{self._engine.title} does not bounce as MuJoCo does.",
-            f"e at {own.launch.speed:.4g} m/s: {_e_or_end(own)}, where MuJoCo has {_e_or_end(its)}",
+            f"e at {here.launch.speed:.4g} m/s: {_e_or_end(here)}, "
+            f"where MuJoCo has {_e_or_end(there)}",
             f"`hcbench tune {self._engine.name}` finds a contact that bounces as it should",
             always_reported=True,
         )
@@ -194,8 +196,11 @@ class LentFlight(MujocoFlight):
         state: qpos, then qvel, (nq + nv,).
         bits: of the engine's numbers, 32 or 64.
         """
+        # Share of the speeds up to which a change is round-off, and reads as no force.
         self._round_off = ROUND_OFF_SOLVED * float(np.finfo(f"f{bits // 8}").eps)
         self._noise = max(self._noise, self._round_off)
+        # States of the engine that are still to be read, and by how much the last one's velocities
+        # differ from MuJoCo's.
         self._states: deque[Floats] = deque()
         self._changed = np.zeros(self._model.nv)
         self._set(self._data, state)
@@ -206,8 +211,9 @@ class LentFlight(MujocoFlight):
         return np.append(self._data.qpos, self._data.qvel)
 
     def hand_in(self, states: Floats) -> int:
-        """Take more states of the engine, shape (n, nq + nv); return
-        how many steps can now be read.
+        """Keep more states that the engine computed, and return how many steps can now be read.
+
+        states: qpos, then qvel, after each step, (n, nq + nv).
         """
         self._states.extend(states)
         is_first = self._staged and self._last is None
@@ -215,11 +221,11 @@ class LentFlight(MujocoFlight):
         return len(self._states) - 1 if is_first else len(self._states)
 
     def _take_step(self, data: Any) -> None:
-        """Take MuJoCo's own step, for its forces, and then set the engine's state.
+        """Take MuJoCo's own step, for its forces, and then put the engine's state in its place.
 
         data: MjData of the engine's state before; afterwards, of its next state that was handed in.
-        For the force it notes by how much the engine changed the velocities beyond MuJoCo, and the
-        speeds whose round-off may look like such a change, (nv,) each.
+        Notes for `_force` how the engine's velocities differ from MuJoCo's after the step, and the
+        speeds whose round-off may look like such a difference, (nv,) each.
         """
         before = np.abs(data.qvel)
         super()._take_step(data)
@@ -237,12 +243,11 @@ class LentFlight(MujocoFlight):
         data.qvel[:] = state[nq:]
 
     def _force(self, solved: float, seen: Any) -> float:
-        """Force of the pair in the step just taken, N; 0 where round-off alone made it.
+        """Force of the pair in the step just taken, N; 0 where it is not more than round-off.
 
-        MuJoCo's own, and what the engine changed in the momentum beyond MuJoCo's step.
-
-        solved: by MuJoCo's solver from the same state, N.
-        seen: MjData of the state before the step.
+        It is MuJoCo's force from the same state, plus the difference of the engine's momentum from
+        that after MuJoCo's step, over the time step.
+        solved: force of MuJoCo's solver, N. seen: MjData of the state before the step.
         """
         row = self._reader.row(seen)
         slowed = -float(row @ self._changed)
@@ -261,7 +266,8 @@ class LentSimulation(Flights[LentFlight]):
     """Launches under way in copies of their model, one copy each; all copies step together."""
 
     def __init__(self, copies: Copies, flights: Sequence[LentFlight]) -> None:
-        """Put the launches into the first copies, and each launch where its copy then is.
+        """Put each launch into a copy of the model, and begin it in the state that the copy then has,
+        which is rounded to the engine's numbers.
 
         copies: of the model, at least as many as flights. flights: each at its release.
         """
@@ -274,7 +280,8 @@ class LentSimulation(Flights[LentFlight]):
             flight.start_from(state, copies.bits)
 
     def advance(self, steps: int) -> Record:
-        """Take steps in the engine, as many at once as it takes, at most `steps`; read each launch.
+        """Let the engine take up to `steps` steps, as many at once as it takes, and read each launch
+        in the states that it hands back.
 
         The record has one step at least. Under RK4 it is one step behind the engine.
         """

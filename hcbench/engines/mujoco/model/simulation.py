@@ -84,7 +84,7 @@ class MujocoFlight:
         self._data = space.data
         self._seen = space.seen
         self._h = float(self._model.opt.timestep)
-        # True under RK4: then a step, `_last`, is read once the one after it is known.
+        # Under RK4 a step, `_last`, is read once the one after it is known.
         self._staged = space.free is not None
         self._last: _Step | None = None
         # Change of the rate in a step, as a share of it, up to which it is round-off.
@@ -180,12 +180,12 @@ class MujocoFlight:
         return Record(x, v, f, tangential)
 
     def _rows(self, steps: int, after: int | None) -> tuple[Floats, Floats | None]:
-        """Take the steps of `advance`, and read each: (penetration m, rate m/s and force N, (3, n);
-        motion along the plate, (8, n), None but for oblique launches), all as of `Record`: the rate
-        is above 0 on approach.
+        """Take steps and read the pair in each: penetration (m), rate (m/s, above 0 on approach) and
+        force (N), (3, n); and the motion along the plate, (8, n), None but for oblique launches.
 
         steps: most to take, 1 or more. after: how many more once the two have parted; None: all.
-        MuJoCo's fatal errors reach the caller. Under RK4 a step is read when the next one is known.
+        A launch also ends where the state is not finite, and where it turns back without a touch.
+        Raises MuJoCo's FatalError. Under RK4 a step is read when the next one is known.
         """
         rows: list[_Step] = []
         while len(rows) < steps:
@@ -212,12 +212,12 @@ class MujocoFlight:
         return normal, np.array(along).T if self.is_oblique else None
 
     def note(self, steps: int) -> str:
-        """Name other contacts of the first `steps` steps in a sentence; "" where there were none.
+        """Phrase that names other contacts in the first `steps` steps, or, for a launch that never
+        touched, the cause that slowed it most; "" without any.
 
-        steps: up to where the impact lasted; its last step was among those of the last `advance`.
-        Of a launch that never touched, the sentence names what slowed it most.
-        The model under test also keeps, of all its launches, the speed lost to each cause in the
-        one in which joints and actuators took the most.
+        steps: of the impact; its last step was among those of the last `advance`.
+        The model under test also keeps, of all its launches, the geoms that touched, and the speed
+        lost to each cause in the launch in which joints and actuators took the most.
         """
         touched = self._touched_until(steps)
         self._opened.others |= touched
@@ -239,8 +239,10 @@ class MujocoFlight:
         return {geom for geom, step in self._first_touch.items() if step < steps}
 
     def _keep_shares(self, shares: dict[str, float]) -> None:
-        """Keep a launch's shares of the speed if joints and actuators
-        took more than in other launches.
+        """Keep what each cause took of a launch's speed, if joints and actuators took more of it than
+        in the launches before.
+
+        shares: by cause, speed lost over the speed at touch.
         """
         most = self._opened.shares
         if not self._touch_speed > 0:
@@ -249,8 +251,8 @@ class MujocoFlight:
             most |= shares
 
     def _step(self) -> _Step:
-        """Take one step, and read the pair in the state before it; all NaN where MuJoCo reset the
-        state.
+        """Take one step, and read penetration, rate and force of the pair in the state before it; all
+        NaN where MuJoCo found the state unstable and reset it.
         """
         data = self._data
         seen = self._seen
@@ -288,11 +290,12 @@ class MujocoFlight:
         return _Step(x, rate, force, free, along)
 
     def _look_further(self, x: float, rate: float, force: float) -> tuple[float, Floats | None]:
-        """Read (approach rate after the step without contact, row along the plate) of a step.
+        """Read of a step what only some launches need: the approach rate after the same step without
+        contact, m/s, and the motion along the plate, (8,).
 
-        x, rate, force: of the state before the step, m, m/s and N. The rate is NaN but where a
-        stage of RK4 may hide a contact; the row, (8,), is None but for oblique launches. Also adds
-        up the causes of the change of speed until the two are apart.
+        x, rate, force: of the pair in the state before the step, m, m/s and N. The rate is NaN but
+        where a stage of RK4 may hide a contact; the motion is None but for oblique launches. Also
+        adds up the causes of the change of speed until the two are apart.
         """
         seen = self._seen
         free = math.nan
@@ -315,10 +318,11 @@ class MujocoFlight:
         return free, along
 
     def _depth_in_flight(self, rate: float, seen: Any) -> float:
-        """Penetration, m, in the state `seen` without a contact, from that of the step before.
+        """Penetration in a state without a contact, m, from that of the step before.
 
-        rate: approach rate in that state, m/s. The integrator moved the pair by this new rate, RK4
-        by the mean of the two. Near the touch plane the distance of the geoms is measured instead.
+        rate: approach rate in the state, m/s. seen: MjData of the state. The integrator moved the
+        pair by this new rate, RK4 by the mean of the two. Near the touch plane the distance of the
+        geoms is measured instead.
         """
         if self._steps == 1:
             return self._x
@@ -338,10 +342,10 @@ class MujocoFlight:
         self._mujoco.mj_step(self._model, data)
 
     def _force(self, solved: float, seen: Any) -> float:
-        """Force of the pair in the step just taken, N.
+        """Force of the pair in the step just taken, N: MuJoCo's, or, where a plug-in's law acts by
+        impulses, the mean force by the change of momentum.
 
-        solved: by MuJoCo's solver.
-        seen: the state before.
+        solved: force of MuJoCo's solver, N. seen: MjData of the state before the step.
         """
         if self._beside is None:
             return solved
@@ -367,10 +371,10 @@ class MujocoFlight:
         return float(self._place.pair.approach_row(data, point, reader.normal) @ data.qvel)
 
     def _with_hidden_force(self, step: _Step, after: _Step) -> _Step:
-        """The step with its mean force, where a stage of RK4 had one but the state before had none.
+        """The step with the mean force that its change of rate shows, where a stage of RK4 had a
+        contact but the state before had none; another step as it is.
 
-        after: the step that followed, whose rate is that at this one's end. Other steps are
-        returned unchanged.
+        after: the step that followed, whose rate is that at this one's end.
         """
         # A stage of RK4 may touch although the states at both ends of the step do not: the solver
         # reports no force then, but the change of the rate shows one.
@@ -403,18 +407,24 @@ class Flights(Simulation, Generic[Flight]):
         return self._flights[launch].note(steps)
 
     def side_by_side(self, records: Sequence[Record]) -> Record:
-        """Join records of one launch each, (1, n) of any n, into one of (launches, longest n); NaN
-        after the end of a shorter launch.
+        """Join the records of single launches into one of all, with NaN after the end of a shorter
+        one.
+
+        records: arrays (1, n), of different n; those of the result are (launches, largest n).
         """
         longest = max(record.force.shape[1] for record in records)
-        seen = np.full((3 + TANGENTIAL_ROWS * self._looks_along, len(records), longest), np.nan)
+        quantities = 3
+        if self._looks_along:
+            quantities += TANGENTIAL_ROWS
+        joined = np.full((quantities, len(records), longest), np.nan)
         for i, record in enumerate(records):
             row = record.rows()[:, 0]
-            seen[: len(row), i, : row.shape[1]] = row
+            joined[: len(row), i, : row.shape[1]] = row
         tangential = None
         if self._looks_along:
-            tangential = seen[3:]
-        return Record(seen[0], seen[1], seen[2], tangential, seen)
+            tangential = joined[3:]
+        penetration, rate, force = joined[:3]
+        return Record(penetration, rate, force, tangential, joined)
 
 
 class MujocoUserSimulation(Flights[MujocoFlight]):
@@ -432,8 +442,9 @@ class MujocoUserSimulation(Flights[MujocoFlight]):
         self._after = after
 
     def advance(self, steps: int) -> Record:
-        """Take up to `steps` steps of each launch, one launch after the other; see
-        `MujocoFlight.advance`.
+        """Take up to `steps` steps of each launch, one launch after the other, and record all.
+
+        Each ends some steps after the two have parted, or sooner if it turns back.
         """
         records = []
         for flight in self._flights:
@@ -488,7 +499,7 @@ class _Launch(ctypes.Structure):
 
 @functools.cache
 def _library() -> ctypes.CDLL | None:
-    """The compiled loop for the installed MuJoCo; None where it cannot be compiled."""
+    """Compile and load the loop in C for the installed MuJoCo; None where that cannot be done."""
     try:
         arguments = plugin.compiler_arguments(Path(backend().__file__).parent)
         library = ctypes.CDLL(str(build(_SOURCE, *arguments)))
@@ -509,10 +520,11 @@ def _library() -> ctypes.CDLL | None:
 def follow_in_c(
     model: Any, data: Any, contacts: NDArray[np.int32], speeds: Floats, heights: Floats
 ) -> bool:
-    """Step the one free body of a model as often as the arrays are long; False without the library.
+    """Step a model with one free body n times in C, and record the motion; return False, having done
+    nothing, without the library.
 
-    contacts, speeds, heights: filled: contacts in the step that led to each of n states, (n,), qvel
-    there, (n, 6), and the height after the step from it, m, (n,).
+    contacts, speeds, heights: filled, for each of n states: the number of contacts in the step that
+    led to it, (n,), qvel, (n, 6), and the height after the step from it, m, (n,).
     Raises MuJoCo's FatalError.
     """
     library = _library()
@@ -615,8 +627,8 @@ class CompiledFlight(MujocoFlight):
         """Read nothing: the loop in C does."""
 
     def _rows(self, steps: int, after: int | None) -> tuple[Floats, None]:
-        """Take the steps in C: (penetration m, rate m/s and force N, (3, n); None, as nothing is
-        read along the plate).
+        """Take steps in C and read the pair in each: penetration (m), rate (m/s) and force (N), (3,
+        n); and None, as nothing is read along the plate.
 
         steps: most to take. after: how many more once the two have parted; None: all. Also keeps
         what each cause adds to the approach, from the first step with a force on. Raises MuJoCo's

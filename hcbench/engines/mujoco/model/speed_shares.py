@@ -44,10 +44,10 @@ class SpeedShares:
     """
 
     def __init__(self, model: Any, sides: NDArray[np.int8]) -> None:
-        """Begin at zero.
+        """Begin with sums of zero, for one launch.
 
-        model: MjModel. sides: (ngeom + 1,), 1 for geoms of the moving part, 2 for the other's, else
-        0.
+        model: MjModel. sides: of each geom, 1 for those of the moving part, 2 for the other's, else
+        0, (ngeom + 1,).
         """
         self._model = model
         self._sides = sides
@@ -70,21 +70,25 @@ class SpeedShares:
         self._parts: list[list[float]] = []
 
     def add(self, step: int, data: Any, row: Floats, others: bool) -> None:
-        """Add one step to the sums.
+        """Add to the sums what each cause changes of the approach rate in one step.
 
         step: its number in the launch, rising.
         data: MjData whose constraints and forces are of the state before the step.
-        row: (nv,), Jacobian of the approach rate.
+        row: Jacobian of the approach rate, (nv,).
         others: True if there are contacts besides the pair's.
         """
         mujoco = backend()
         mujoco.mj_solveM(self._model, data, self._moved, row[None])
         moved = self._moved[0]
+        # A row for each cause, (4, nv).
         forces = self._forces
-        forces[0], forces[1] = data.qfrc_constraint, data.qfrc_actuator
-        forces[2], forces[3] = data.qfrc_passive, data.qfrc_bias
+        forces[0] = data.qfrc_constraint
+        forces[1] = data.qfrc_actuator
+        forces[2] = data.qfrc_passive
+        forces[3] = data.qfrc_bias
         mujoco.mju_mulMatVec(self._products, forces, moved)
         constraint, actuators, passive, bias = self._products.tolist()
+        # All constraint forces are the pair's contact, unless there are other constraints.
         constraints = [constraint, 0.0, 0.0, 0.0, 0.0]
         if others or data.ne or data.nf or data.nl:
             constraints = self._by_constraint(data, moved)
@@ -131,7 +135,7 @@ class SpeedShares:
         accelerations = np.zeros(data.nefc)
         mujoco.mj_mulJacVec(self._model, data, accelerations, moved)
         accelerations *= data.efc_force
-        # MuJoCo's order of rows
+        # MuJoCo has its constraint rows in this order.
         ends = np.cumsum((data.ne, data.nf, data.nl))
         equalities, friction, limits, contacts = np.split(accelerations, ends)
         contact_of_row = data.efc_id[ends[-1] :]

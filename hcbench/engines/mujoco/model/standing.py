@@ -66,7 +66,8 @@ _SLIDES_S = 1.0
 
 
 def standing(opened: Sequence[OpenedModel]) -> Standing:
-    """Measure how pairs of one model stand; NaN for what it has not.
+    """Measure how pairs of one model rest: on the level, on a slope, in a grasp, and as they slide;
+    and what a step costs. NaN for what the model does not have.
 
     opened: the model with each of the pairs at touch, one or more. Level, slope and cost are of the
     first pair, if its second part stands still; the grasp is of the first two that hold one body
@@ -94,8 +95,11 @@ def stands_on_world(opened: OpenedModel) -> bool:
 
 
 def rest_on_slope(opened: OpenedModel, data: Any) -> tuple[float, Rest]:
-    """(slope, rad; rest on it) of a pair from a state at rest, which is moved on; gravity is turned.
-    The rest is NaN where the pair has no friction.
+    """Let a pair rest on a slope, and return the slope, rad, and how it rests; NaN where the pair has
+    no friction.
+
+    opened: the model with the pair. data: MjData at rest on the level; moved on. Gravity is turned
+    in place of the bodies.
     """
     angle = slope_of(opened.facts().friction)
     if not angle > 0.0:
@@ -113,11 +117,11 @@ def rest_of_pair(opened: OpenedModel) -> Rest | None:
 
 
 def laid_down(opened: OpenedModel) -> tuple[Rest | None, Any]:
-    """(rest of the pair, MjData at its end): from its start if it touches there; else from the
-    touch, if gravity presses the two together.
+    """Let a pair come to rest: how it rests, and the MjData at the end.
 
-    opened: with the pair at touch. The rest is None where nothing holds the two together, DIVERGED
-    where the state is not finite at the end.
+    opened: with the pair at touch. It begins at the model's start if the two touch there, else at
+    the touch if gravity presses them together. The rest is None where nothing holds the two
+    together, DIVERGED where the state is not finite at the end.
     """
     data = copy.copy(opened.start)
     place = opened.place
@@ -149,8 +153,8 @@ def _at_touch(opened: OpenedModel) -> Any:
 
 
 def _tilted(opened: OpenedModel, angle: float) -> Floats:
-    """Gravity, m/s², (3,), of the model turned by an angle, rad, from its direction towards the
-    axis of the world that is most across it; 0 without gravity.
+    """Gravity of the model turned by an angle, rad, as a vector, m/s², (3,), as if the plate were a
+    slope; it is turned towards the axis of the world that is most across it. 0 without gravity.
     """
     gravity = np.array(opened.model.opt.gravity)
     size = float(np.linalg.norm(gravity))
@@ -167,11 +171,12 @@ def _tilted(opened: OpenedModel, angle: float) -> Floats:
 def _rest(
     opened: OpenedModel, data: Any, gravity: Floats | None = None, from_body: int = 0
 ) -> Rest:
-    """Rest of the pair in the second half of _SECONDS, from a state that is moved on; DIVERGED
-    where it ends in numbers that are not finite.
+    """Step a pair for _SECONDS and measure how it rests in the second half; DIVERGED where it ends
+    in numbers that are not finite.
 
-    gravity: m/s², (3,); None: the model's, which holds again afterwards.
-    from_body: number of the body whose motion does not count, such as that of a hand; 0: the world.
+    data: MjData at the start; moved on. gravity: m/s², (3,); None: the model's, which holds again
+    afterwards.
+    from_body: number of the body from which positions are taken, such as a hand; 0: the world.
     """
     model = opened.model
     timestep = model.opt.timestep
@@ -199,10 +204,10 @@ def _rest(
 def _followed(
     opened: OpenedModel, data: Any, steps: int, from_body: int
 ) -> tuple[Floats, Floats, Floats]:
-    """(place of the moving body from another, m, (n, 3); force of the contact, N, (n,); penetration,
-    m, (n,)) after each of n steps, which `data` is moved on by.
+    """Take n steps, and read after each the position of the pair's moving body from another, m, (n,
+    3), the force of the pair's contact, N, (n,), and its penetration, m, (n,).
 
-    from_body: number of that other body.
+    data: MjData; moved on. steps: n. from_body: number of the other body; 0: the world.
     """
     position = np.zeros((steps, 3))
     force = np.zeros(steps)
@@ -247,11 +252,12 @@ def _is_grasp(one: OpenedModel, other: OpenedModel) -> bool:
 
 
 def _hold(one: OpenedModel, other: OpenedModel) -> float:
-    """Drift, m/s, of a body that two others hold with a few times the force that it
-    takes; NaN where they cannot, and without friction.
+    """Drift of a body that two fingers hold by friction against gravity, m/s; NaN where they cannot,
+    and without friction.
 
     one, other: the pairs of the body with each finger. The fingers close without gravity, pushed
-    towards the body by the force that friction needs; then gravity pulls at the body.
+    towards the body by _GRIPS times the force that friction needs, or more if servos resist; then
+    gravity pulls at the body.
     """
     model = one.model
     friction = one.facts().friction
@@ -276,10 +282,11 @@ def _hold(one: OpenedModel, other: OpenedModel) -> float:
 
 
 def _highest_hop(opened: Sequence[OpenedModel]) -> float:
-    """The largest hop of loose bodies that slide on the world, m; NaN where there are none.
+    """The largest hop of loose bodies that are laid down sliding on what stands still, m; NaN where
+    there are none.
 
-    opened: the model with each of its pairs at touch. Loose: the pair's first body, which gravity
-    presses on what stands still, and nothing else acts on.
+    opened: the model with each of its pairs at touch. The first body of a pair is loose if gravity
+    presses it on what stands still and nothing else, such as a joint or servo, acts on it.
     """
     hops = []
     for each in opened:
@@ -291,8 +298,11 @@ def _highest_hop(opened: Sequence[OpenedModel]) -> float:
 
 
 def _hop(opened: OpenedModel) -> float:
-    """Hop of a body that is laid down as it slides: its rise over the start, m, beyond what it
-    falls in the first step, of which the contact knows nothing; NaN where it cannot slide.
+    """Lay a body down as it slides, and measure how high it hops, m; NaN where it cannot slide,
+    infinite where the state is not finite at the end.
+
+    opened: with the pair at touch. What it falls in the first step is taken off: the contact does
+    not yet know of it.
     """
     mujoco = backend()
     model = opened.model
@@ -325,10 +335,10 @@ def _force(opened: OpenedModel, data: Any) -> float:
 
 
 def _cost(opened: OpenedModel, data: Any) -> tuple[float, float]:
-    """(iterations of the solver, s of CPU) of one step, from a state at rest, which is moved on.
+    """Cost of one step at rest: iterations of the solver and seconds of CPU, means over _TIMED
+    steps, the time the shortest of _REPEATS.
 
-    The means over _TIMED steps; the time is the shortest of _REPEATS. Of islands, which MuJoCo
-    solves one by one, the iterations add up.
+    data: MjData at rest; moved on. Iterations of islands, which MuJoCo solves one by one, add up.
     """
     mujoco = backend()
     model = opened.model
@@ -360,7 +370,10 @@ class _ForceAtTouch:
     """
 
     def __init__(self, opened: OpenedModel, data: Any) -> None:
-        """Add up the contacts of the pair in `data`, an MjData after a step or mj_forward."""
+        """Add up the forces of all contacts of the pair.
+
+        data: MjData after a step or mj_forward.
+        """
         sides = opened.place.pair.sides
         wrench = np.zeros(6)
         self.normal = 0.0
@@ -385,12 +398,12 @@ class _ForceAtTouch:
 
 
 def carried_by(opened: OpenedModel) -> Carried:
-    """Loads that the pair carries where it rests; none where nothing holds the two together, or
-    they do not come to rest.
+    """Measure what the contact of a pair carries at rest: multiples of its load, the limits of
+    friction, and the creep on a slope; nothing where the two do not come to rest on each other.
 
-    Forces act on the moving part, at the point where the contact bears it: so they turn no joint
-    while the contact holds. Creep is left NaN for parts that joints move, for a plate that is
-    tilted or moves, and without friction.
+    opened: with the pair at touch. Forces act on the moving part, at the point where the contact
+    bears it: so they turn no joint while the contact holds. Creep is left NaN for parts that joints
+    move, for a plate that is tilted or moves, and without friction.
     """
     rest, data = laid_down(opened)
     if rest is None or not math.isfinite(rest.penetration) or not rests(rest):
@@ -420,8 +433,10 @@ def _is_level(opened: OpenedModel) -> bool:
 
 
 def _creep(opened: OpenedModel, data: Any) -> tuple[float, float]:
-    """(slope, rad; speed down it, m/s) of a body at rest, in a state that is moved on; no speed of
-    a body that rolls.
+    """Let a pair rest on a slope, and return the slope, rad, and the speed with which the body creeps
+    down it, m/s, NaN for one that rolls.
+
+    opened: the model with the pair. data: MjData of the body at rest on the level; moved on.
     """
     slope, rest = rest_on_slope(opened, data)
     body = opened.place.pair.first.body
@@ -434,9 +449,10 @@ def _creep(opened: OpenedModel, data: Any) -> tuple[float, float]:
 
 def _push(opened: OpenedModel, data: Any, touch: _ForceAtTouch, force: Floats) -> None:
     """Let a force, N, (3,), act on the moving part where the two touch, and its opposite on the
-    other; in all steps that `data` takes from now on.
+    other part, in all steps that `data` takes from now on.
 
-    touch: of the pair at rest. A part that is welded to the world takes none.
+    data: MjData; changed. touch: the contact of the pair at rest. A part that is welded to the
+    world needs no force.
     """
     pair = opened.place.pair
     for sign, body in ((1.0, pair.first.body), (-1.0, pair.second.body)):
@@ -447,15 +463,15 @@ def _push(opened: OpenedModel, data: Any, touch: _ForceAtTouch, force: Floats) -
 
 
 def _pressed(opened: OpenedModel, resting: Any, touch: _ForceAtTouch, times: float) -> BorneLoad:
-    """The pair under `times` its force at rest: force that the contact then bears, N, and its
-    penetration, m, over the last steps.
+    """Press a resting pair together by `times` its force at rest: the force that the contact then
+    bears, N, and its penetration, m, over the last steps.
 
     resting: MjData at rest, which stays as it is. touch: the contact in it.
     """
     model = opened.model
     data = copy.copy(resting)
-    more = (times - 1.0) * touch.normal
-    _push(opened, data, touch, more * opened.place.contact.normal)
+    added = (times - 1.0) * touch.normal
+    _push(opened, data, touch, added * opened.place.contact.normal)
     steps = min(PRESSED_STEPS, round(PRESSED_S / model.opt.timestep))
     last = max(1, round(LAST * steps))
     backend().mj_step(model, data, nstep=steps - last)
@@ -468,18 +484,19 @@ def _pressed(opened: OpenedModel, resting: Any, touch: _ForceAtTouch, times: flo
 
 
 def _friction(opened: OpenedModel, resting: Any, touch: _ForceAtTouch) -> list[float]:
-    """Limits of friction over the normal force, along each axis of the contact and between them;
-    NaN alone for parts that joints keep from moving along the plate, and for a body that other
-    contacts hold, too.
+    """The largest friction over the normal force, along each axis of the contact in the plate, and
+    half-way between the two; [NaN] for parts that joints keep from moving along the plate, and for
+    a body that other contacts hold, too.
 
     resting: MjData of the pair at rest, which stays as it is. touch: the contact in it.
-    The pair is pushed along its plate by more than friction bears: the friction then is at its
-    limit, which a pyramid of two axes has lower between them.
+    The pair is pushed along its plate by more than friction bears, so the friction is at its limit.
+    A pyramidal cone has a lower limit between its axes.
     """
     if _stands_elsewhere(opened, resting):
         return [math.nan]
 
     def mass(way: Floats) -> float:
+        """Effective mass along a direction, kg; infinite where no joint moves along it."""
         row = opened.place.pair.approach_row(resting, touch.point, way)
         return effective_mass(opened.model, resting, row)
 
@@ -503,7 +520,10 @@ def _friction(opened: OpenedModel, resting: Any, touch: _ForceAtTouch) -> list[f
 
 
 def _stands_elsewhere(opened: OpenedModel, data: Any) -> bool:
-    """True if the rigid part that moves touches something besides the pair: that holds it, too."""
+    """Say whether the rigid part that moves touches something besides the pair, which holds it, too.
+
+    data: MjData with contacts.
+    """
     sides = opened.place.pair.sides
     rigid = opened.model.body_weldid
     moving = rigid[opened.place.pair.first.body]

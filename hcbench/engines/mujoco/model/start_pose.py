@@ -31,14 +31,14 @@ _LEAST_QUATERNION = 1e-3
 
 
 def require_plausible_model(model: Any, label: str) -> None:
-    """Refuse numbers that the compiler lets through and no simulation survives.
+    """Raise an error for a compiled model with numbers that no simulation survives, though MuJoCo's
+    compiler lets them through.
 
     label: the model's name in errors.
-
-    Raises SceneError for masses, inertias, sizes and frictions that are below 0 or not finite and
-    for a step below 0 s or of 0 s, QuantityError for gravity in another unit of length and for
-    steps, masses, positions and sizes outside the bounds. A half size of 0 m, by which a plane is
-    infinite, passes.
+    SceneError: for masses, inertias, sizes and frictions that are below 0 or not finite, and for a
+    time step that is not above 0 s. QuantityError: for gravity in another unit of length, and for
+    steps, gravity, masses, positions and sizes outside the bounds of `units`, which --beyond-bounds
+    lifts. A size of 0 m passes: by it a plane is infinite.
     """
     for kind, field in (
         ("body", "mass"),
@@ -63,17 +63,17 @@ def require_plausible_model(model: Any, label: str) -> None:
         positions = getattr(model, f"{kind}_pos").ravel().tolist()
         require_bounds(f"{label}: position of a {kind}", positions, "position", "m")
     kinds = backend().mjtGeom
-    flat = np.isin(model.geom_type, [int(kinds.mjGEOM_PLANE), int(kinds.mjGEOM_HFIELD)])
-    require_bounds(
-        f"{label}: size", model.geom_size[~flat].ravel().tolist(), "length", "m", smallest=0.0
-    )
+    # Sizes of planes and height fields are other things, such as the spacing of a drawn grid.
+    is_flat = np.isin(model.geom_type, [int(kinds.mjGEOM_PLANE), int(kinds.mjGEOM_HFIELD)])
+    sizes = model.geom_size[~is_flat].ravel().tolist()
+    require_bounds(f"{label}: size", sizes, "length", "m", smallest=0.0)
 
 
 def _require_metres(label: str, gravity: float) -> None:
-    """Refuse a model whose gravity is the Earth's in another unit of length. Raises QuantityError.
+    """Raise QuantityError for a model whose gravity is the Earth's in another unit of length, such as
+    981 for centimetres; not with --beyond-bounds.
 
-    label: the model's name in errors. gravity: its magnitude, in the model's units. --beyond-bounds
-    admits all.
+    label: the model's name in errors. gravity: its magnitude, in the model's units.
     """
     for unit, per_metre in _OTHER_UNITS.items():
         looks_like_it = abs(gravity / (STANDARD_GRAVITY * per_metre) - 1.0) < _EARTH
@@ -87,11 +87,10 @@ def _require_metres(label: str, gravity: float) -> None:
 
 
 def require_plausible_state(model: Any, data: Any) -> None:
-    """Refuse a pose with a quaternion of length 0 or a position that is not finite or out of
-    bounds.
+    """Raise an error for a pose that cannot be: UserError for numbers that are not finite,
+    QuantityError for a quaternion of length 0 and for a position out of bounds.
 
-    data: MjData with the pose in qpos. Raises UserError for numbers that are not finite,
-    QuantityError else.
+    data: MjData with the pose in qpos.
     """
     kinds = backend().mjtJoint
     if not np.isfinite(data.qpos).all():
@@ -100,13 +99,17 @@ def require_plausible_state(model: Any, data: Any) -> None:
     for joint in range(model.njnt):
         kind = int(model.jnt_type[joint])
         at = int(model.jnt_qposadr[joint])
-        places = {int(kinds.mjJNT_FREE): 3, int(kinds.mjJNT_SLIDE): 1}.get(kind, 0)
+        # Numbers of the joint that are positions, m: they come first.
+        count = {int(kinds.mjJNT_FREE): 3, int(kinds.mjJNT_SLIDE): 1}.get(kind, 0)
         where = f"qpos: {_joint_name(model, joint)}"
-        require_bounds(where, data.qpos[at : at + places].tolist(), "position", "m")
+        require_bounds(where, data.qpos[at : at + count].tolist(), "position", "m")
 
 
 def require_quaternions(model: Any, qpos: Floats, slot: str) -> None:
-    """Raise QuantityError in the name of `slot` for a quaternion of length 0. qpos: (nq,) or (n, nq)."""
+    """Raise QuantityError for a pose in which the quaternion of a joint has the length 0.
+
+    qpos: one pose, (nq,), or several, (n, nq). slot: name of what has them, for the error.
+    """
     kinds = backend().mjtJoint
     for joint in range(model.njnt):
         at = int(model.jnt_qposadr[joint])
@@ -134,11 +137,11 @@ MOVED = 1e-3
 
 
 def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, str]:
-    """(new MjData at rest in the start configuration, what to call it).
+    """Make a new MjData at rest in the start configuration, and the phrase that names it.
 
-    The request's keyframe, else the state, else the model's first keyframe, else qpos0; then the
-    joints that the request sets.
-    state: an MjData to start from as it stands, or None.
+    It is the request's keyframe; else the state as it stands; else the model's first keyframe, else
+    its zero, qpos0. Then the joints are set that the request names.
+    state: an MjData of the user's, or None.
 
     Raises UserError for a keyframe or joint that the model does not have and for wrong numbers,
     QuantityError for a position out of bounds or a quaternion of 0.
@@ -187,10 +190,10 @@ def _reset(model: Any, data: Any, key: str | None) -> str:
 
 
 def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> None:
-    """Set a joint, or a whole field of the state such as qpos, in `data`.
+    """Set the numbers of a joint, or a whole field of the state such as qpos, in `data`.
 
-    name: of a joint, of the body of a free joint, "base", or of a field; velocities and times are
-    ignored.
+    name: of a joint; of the body of a free joint, or "base" for the heaviest one; or of a field.
+    Fields of velocities and times are ignored.
     values: m, rad and quaternions w x y z; of a free joint also three, its position alone.
 
     Raises UserError for another name, and for another number of values.
@@ -207,6 +210,7 @@ def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> None:
         if is_free and len(values) == 3:
             # A place without an attitude.
             end = address + 3
+        # A view, as is the next: filling it changes `data`.
         target = data.qpos[address:end]
     elif name in STATE_FIELDS:
         target = getattr(data, name).reshape(-1)
@@ -238,10 +242,10 @@ def _free_joint(model: Any, name: str) -> int | None:
 
 
 def require_joints_within_limits(model: Any, data: Any, bodies: tuple[int, ...]) -> None:
-    """Refuse a pose in which joints are far outside their limits, by UserError.
+    """Raise UserError for a pose in which joints are far outside their limits.
 
     data: MjData with the pose in qpos.
-    bodies: numbers of the pair's bodies; only joints of their robots count.
+    bodies: numbers of the pair's bodies; only joints of their trees, such as a robot, count.
     """
     roots = {int(model.body_rootid[body]) for body in bodies if body}
     outside = []
@@ -259,11 +263,11 @@ def require_joints_within_limits(model: Any, data: Any, bodies: tuple[int, ...])
 
 
 def beyond_limit(model: Any, data: Any, joint: int) -> tuple[float, float, float]:
-    """(how far a joint is beyond its limit, how far it may be, the nearest value allowed), rad or
-    m.
+    """Compare a joint with its limit: how far it is beyond, how far it may be, and the nearest value
+    within the limit; m for a slide, else rad.
 
-    joint: number of a limited joint. A ball's limit is on the angle of its turn: how far is below 0
-    inside it, and it has no nearest value (NaN).
+    data: MjData with the pose in qpos. joint: number of a limited joint. The limit of a ball joint
+    is on the angle of its turn: the first number is below 0 inside it, and the last is NaN.
     """
     kinds = backend().mjtJoint
     kind = int(model.jnt_type[joint])

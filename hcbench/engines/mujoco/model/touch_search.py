@@ -40,11 +40,11 @@ class TouchSearch:
         self.gap = np.inf
 
     def contact_at_touch(self) -> PairContact | None:
-        """The contact where it begins, with `data` at touch; None where MuJoCo makes none on the
-        way.
+        """Move `data` to where MuJoCo's contact of the pair begins, and return that contact; None
+        where MuJoCo makes none on the way.
 
-        First by MuJoCo's distance of the geoms, and where that leads to no contact whose normal
-        opposes the motion, by a scan. Sets `gap`.
+        First by MuJoCo's distance of the geoms; where that leads to no contact whose normal opposes
+        the motion, by a scan. Sets `gap`, the distance that is left, m.
         """
         travel = travel_by_distance(self._distance, self.pair.size)
         self.gap = self._distance(travel)
@@ -88,10 +88,10 @@ class TouchSearch:
         return self.pair.nearest(self.data).distance
 
     def _first_opposing_contact(self, travel: float) -> tuple[float, PairContact] | None:
-        """(depth m, contact) at the smallest depth whose contact's normal opposes the motion.
+        """Find the smallest depth, m, of _DEPTHS beyond a travel at which the contact's normal
+        opposes the motion: the depth and the contact; None where there is none.
 
-        travel: at touch, m. Shallower contacts can have any normal, as rounding decides it. None
-        where no depth of _DEPTHS has one.
+        travel: at touch, m. Shallower contacts can have any normal, as rounding decides it.
         """
         for share in _DEPTHS:
             contact = self._contact(travel + share * self.pair.size)
@@ -102,11 +102,11 @@ class TouchSearch:
         return None
 
     def _window(self) -> tuple[float, float]:
-        """(before, behind): distances from the rough touch, m, within which MuJoCo's contact may
+        """Distances before and behind the roughly known touch, m, within which MuJoCo's contact may
         begin.
 
-        Of two shapes the size of the smaller one; over a height field, whose distance is that to
-        its highest possible point, the whole height of the field too.
+        They are the size of the smaller shape; over a height field, whose distance is only known
+        to its highest possible point, that of the other shape, and behind also the field's height.
         """
         pair = self.pair
         field = self.pair.height_field
@@ -117,15 +117,15 @@ class TouchSearch:
 
 
 def swing(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Floats | None:
-    """Velocity (nv,) of some degrees of freedom under a push at the
-    contact, for an approach at 1 m/s.
+    """Velocity of some degrees of freedom as a push at the contact would move them, scaled to an
+    approach at 1 m/s, (nv,); None where a push hardly moves the two together.
 
     data: MjData with its mass matrix and constraints computed.
-    row: (nv,), Jacobian J of the approach rate.
-    dofs: numbers of the degrees of freedom that may move.
+    row: Jacobian J of the approach rate, (nv,). dofs: numbers of the degrees of freedom that may
+    move.
 
     A push moves the robot along M^-1 J^T, as far as equalities let it; where `dofs` are not all of
-    the robot's, the others are held. None where the push hardly moves the two together.
+    the robot's, the others are held.
     """
     move = np.zeros_like(row)
     roots = model.body_rootid[model.dof_bodyid]
@@ -135,7 +135,7 @@ def swing(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Floats |
         push = _along_equalities(model, data, response(model, data, row))
         move[list(dofs)] = push[list(dofs)]
     rate = float(row @ move)
-    # A share of what the rate would be if its largest parts were those of one degree of freedom.
+    # A share of the largest rate that a motion of this size could have along one degree of freedom.
     least = LEAST_APPROACH * float(np.abs(row).max()) * float(np.abs(move).max())
     return move / rate if rate > least else None
 
@@ -160,10 +160,10 @@ def _push_on(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Float
 
 
 def _along_equalities(model: Any, data: Any, push: Floats) -> Floats:
-    """The motion, (nv,), by a push as far as equality constraints let it
-    happen, such as of coupled fingers.
+    """Motion by a push as far as equality constraints, such as coupled fingers, let it happen, (nv,).
 
-    push: (nv,) M^-1 J^T, the motion without them. Returned as it is where it moves no equality.
+    data: MjData with its constraints. push: the motion without them, M^-1 J^T, (nv,); it is
+    returned where it moves no equality.
     """
     mujoco = backend()
     held = np.flatnonzero(data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY)
@@ -185,14 +185,14 @@ def _along_equalities(model: Any, data: Any, push: Floats) -> Floats:
 def swing_to_touch(
     pair: ContactPair, data: Any, dofs: tuple[int, ...], row: Floats
 ) -> Floats | None:
-    """Bring the two together along the arc of their joints, within the
-    joints' limits; `data` ends there.
+    """Bring two parts together along the arc of joints that turn, within the joints' limits, in
+    strides of up to _STRIDE m.
 
-    dofs: degrees of freedom that move.
-    row: (nv,), Jacobian of the approach rate at the start.
+    data: MjData; at the end its qpos is where they meet. dofs: numbers of the degrees of freedom
+    that move. row: Jacobian of the approach rate at the start, (nv,).
 
-    Returns the velocity (nv,) that approaches where they meet, at 1 m/s; None where the joints do
-    not lead there, at a limit or after _ROUNDS strides.
+    Returns the velocity with which they approach at 1 m/s where they meet, (nv,); None where the
+    joints do not lead there, or not within _ROUNDS strides.
     """
     mujoco = backend()
     model = pair.model

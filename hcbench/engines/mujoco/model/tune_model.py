@@ -60,8 +60,8 @@ _NEAR = 1e-3  # m
 
 
 def attitudes(model: Any, label: str, state: Any, request: Request) -> list[tuple[str, Request]]:
-    """(attitude, request) of each way in which the two can meet; ("",
-    request) where there is only one.
+    """Ways in which a pair can meet: (attitude, request) of each; one of ("", request) where there
+    is only one.
 
     model: compiled MjModel. label: its name in errors. state: MjData to start from, or None.
     Attitudes are "face", "edge" and "vertex" of a box, "face", "side" and "rim" of a cylinder. A
@@ -106,10 +106,12 @@ def _is_flat_and_fixed(model: Any, geom: int) -> bool:
 
 
 def _turned(placed: MujocoModel, geom: int, way: tuple[float, float, float]) -> Floats:
-    """qpos, (nq,), of a model whose loose body is turned so that a direction points at the other.
+    """qpos of the model with its loose body turned so that a part of its surface points at the other
+    body, (nq,), and backed off.
 
-    placed: the model, with the pair at touch. geom: of the loose body.
-    way: the direction, in half sizes along the geom's own axes: (0, 0, 1) is its upper face.
+    placed: the model, with the pair at touch. geom: number of the loose body's geom.
+    way: direction to that part, in half sizes along the geom's own axes: (0, 0, 1) is its upper
+    face, (1, 1, 1) a vertex of a box.
     """
     model = placed.model
     start = placed.start
@@ -143,10 +145,10 @@ def _is_loose(model: Any, body: int) -> bool:
 
 
 def _is_touched(model: Any, start: Any, geom: int, other: int) -> bool:
-    """Say whether a third geom touches `geom` at the start, or is within _NEAR of it.
+    """Say whether a third geom touches a geom at the start, or is within _NEAR m of it.
 
-    start: MjData of the start. other: the geom that it may touch. Only geoms count whose masks let
-    them collide.
+    start: MjData of the start. geom, other: numbers of the geom, and of the one that it may touch.
+    Only geoms count whose masks let them collide.
     """
     mujoco = backend()
     data = copy.copy(start)
@@ -165,16 +167,14 @@ def _unit(vector: Floats) -> Floats:
 
 
 def _turn(start: Floats, end: Floats) -> Floats:
-    """The quaternion, w x y z, (4,), of the least turn from the unit vector `start`, (3,), to
-    `end`.
-    """
+    """Quaternion w x y z, (4,), of the smallest turn from one unit vector, (3,), to another."""
     axis = np.cross(start, end)
     cosine = float(start @ end)
     # Half a turn: every axis across the start will do, and 1 + cosine
     # would vanish in the quaternion.
     if cosine < -1.0 + 1e-12:
-        axis = np.linalg.svd(start[None])[2][1]
-        return np.array([0.0, *axis])
+        _, _, start_and_across = np.linalg.svd(start[None])
+        return np.array([0.0, *start_and_across[1]])
     return _unit(np.array([1.0 + cosine, *axis]))
 
 
@@ -188,8 +188,8 @@ _SAME_GRAVITY = 2.0
 
 
 def attitudes_of(source: Any, request: Request) -> list[tuple[str, Request]]:
-    """(attitude, request) of each way in which the two can meet, such as the face, edge and vertex
-    of a box; ("", request) where there is only one.
+    """Ways in which a pair of a user's model can meet, such as the face, edge and vertex of a box:
+    (attitude, request) of each; one of ("", request) where there is only one.
 
     source: a file, MJCF text, MjModel or MjSpec. Raises SceneError for a model that does not
     compile, UserError where the pair cannot be brought to touch.
@@ -237,6 +237,7 @@ def model_settings(
     # gives: only the first is offered.
     is_eaten = model.nv > _HEAVY and has_more_than_contacts(model)
     most_choices = 1 if is_eaten else None
+    # Each choice has (name, rows) for every kind of pair, of one name.
     for choice in itertools.islice(zip(*choices, strict=True), most_choices):
         name, _ = choice[0]
         rows_of = {}
@@ -256,8 +257,8 @@ def model_settings(
 def _searched(
     source: Any, pairs: Sequence[PairToTune], goal: RestitutionCurve, was: Standing, adhesive: bool
 ) -> dict[_Kind, Rows]:
-    """Rows for each kind of pair, by `PairToTune.like`, searched for in the model one kind after
-    the other.
+    """Search the rows of each kind of pair in the user's model, one kind after the other; by
+    `PairToTune.like`.
 
     source: a file, MJCF text or an MjSpec. pairs: all that get rows. goal: e over speed. was: the
     model at rest as it is. adhesive: whether rows may pull.
@@ -291,8 +292,8 @@ def _with_rows(
 def _row_setter(
     plain: Any, pairs: Sequence[PairToTune], rows_of: Mapping[_Kind, Rows], like: _Kind
 ) -> Callable[[Any, Rows], None]:
-    """A function (model, rows) that writes rows into the pairs of one kind in a compiled model; the
-    others keep theirs.
+    """Make a function (model, rows) that writes rows into the pairs of one kind in a compiled model,
+    and leaves those of other kinds as they are.
 
     plain: the model as it is, whose cone and impratio hold where no row needs others.
     pairs: of every kind. rows_of: their rows by kind.
@@ -324,18 +325,20 @@ def _row_setter(
 def pairs_to_tune(
     model: Any, label: str, requests: Sequence[Sequence[Request]]
 ) -> list[PairToTune]:
-    """Pairs of a user's compiled model, those of one shape and nearly one load alike.
+    """Read the pairs of a user's model that are to be tuned; `like` is the same for those that can
+    have the same rows, being of one shape and nearly one load.
 
-    label: its name in errors. requests: of each pair, one for each attitude. Raises UserError where
-    no <pair> keeps its e or a pair cannot be measured, and SceneError.
+    model: compiled. label: its name in errors. requests: of each pair, one for each attitude.
+    Raises UserError for a model in which no <pair> keeps its e, UserError or SceneError where a
+    pair cannot be measured.
     """
     _require_tunable(model)
     return _grouped([_read_pair(model, label, of_pair) for of_pair in requests])
 
 
 def _require_tunable(model: Any) -> None:
-    """Refuse a model in which <pair>s do not have the e that they are given, by UserError:
-    the integrator discrete, and the flag that overrides every contact's parameters.
+    """Raise UserError for a model in which a <pair> does not have the e that it is given: under the
+    integrator discrete, and with the flag that overrides every contact's parameters.
     """
     if integrator_name(model) == "discrete":
         raise UserError(
@@ -354,11 +357,10 @@ def _require_tunable(model: Any) -> None:
 
 
 def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> PairToTune:
-    """One pair, opened under each of its requests.
+    """Read one pair of a user's model that is to be tuned, opened under each of its requests.
 
-    model: compiled; only copies of it are changed.
-    label: its name in errors.
-    requests: its attitudes, one or more.
+    model: compiled; only copies of it are changed. label: its name in errors.
+    requests: of the pair, one for each attitude, one or more.
 
     Raises UserError or SceneError where the pair cannot be brought to touch, or has too many geoms.
     """
@@ -395,8 +397,8 @@ def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> PairToTun
 
 
 def _grouped(pairs: Sequence[PairToTune]) -> list[PairToTune]:
-    """The pairs, with one `like` for all of one shape and nearly one load,
-    such as the feet of a robot: the number of the first pair that is alike.
+    """The pairs with the same `like` for all of one shape and nearly one load, such as the feet of a
+    robot: the index of the first pair that is alike, in a tuple.
     """
     grouped = []
     for pair in pairs:
@@ -415,7 +417,8 @@ def _is_like(one: PairToTune, other: PairToTune) -> bool:
 def _setting(
     source: Any, label: str, name: str, pairs: Sequence[tuple[PairToTune, Rows]]
 ) -> ModelSetting:
-    """A setting of a user's model: notes, the model under a request, and the texts to write.
+    """Write rows into a copy of a user's model, and describe it as a setting: its notes, and how to
+    open it and to write its texts.
 
     source: the user's model. label: its name in errors. name: the setting's, for the user.
     pairs: each pair with the rows that it gets.

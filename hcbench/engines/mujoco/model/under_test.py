@@ -110,10 +110,10 @@ class MujocoModel(OpenedModel, LendsSteps):
         )
 
     def _asked(self) -> tuple[tuple[float, ...], str]:
-        """(e that the model asks for at each launch speed, what asks for it in words).
+        """e that the model asks for at each launch speed, and a phrase of what asks for it.
 
-        By the restitution plug-in, else by the promise of `hcbench tune`, else by the author's
-        solref and solimp; () where those of several points differ.
+        It is that of the restitution plug-in; else that of the promise of `hcbench tune`; else that
+        of the author's solref and solimp; () where those of several points differ.
         """
         speeds = self.request.speeds
         law = restitution_law(self.model, self.place.contact.geoms)
@@ -165,7 +165,9 @@ class MujocoModel(OpenedModel, LendsSteps):
         return notes
 
     def _unit_notes(self) -> list[str]:
-        """A sentence where the moving body weighs as none does in metres and kilograms."""
+        """A list of one sentence, if the density of the moving body shows that the model is not in
+        metres and kilograms; else empty.
+        """
         body = self.place.pair.first.body
         root = int(self.model.body_rootid[body])
         mass = float(self.model.body_subtreemass[root])
@@ -175,8 +177,8 @@ class MujocoModel(OpenedModel, LendsSteps):
         return unit_notes(name, mass, *volumes(self.model, data, body))
 
     def _friction_of_geoms(self) -> list[str]:
-        """One sentence where hcbench's pair has another friction than its geoms would have alone,
-        as a list; else empty.
+        """A list of one sentence, if the <pair>s that hcbench wrote have another friction than the
+        geoms would have without them; else empty.
         """
         promise = self._promise()
         if promise is None or not promise.rows:
@@ -192,9 +194,8 @@ class MujocoModel(OpenedModel, LendsSteps):
         ]
 
     def _distance_slope(self) -> float:
-        """Fall of MuJoCo's distance of the two over the last part of the approach, m/m.
-
-        1 where it is exact; also where MuJoCo has no distance of such shapes.
+        """Change of MuJoCo's distance of the two over the way of the last part of the approach, m/m:
+        1 where the distance is exact, and where MuJoCo has no distance of such shapes.
         """
         place = self.place
         data = copy.copy(self.start)
@@ -221,11 +222,11 @@ class MujocoModel(OpenedModel, LendsSteps):
         return list(at_rest(Context(self.place, (), None, tuple(self._gravity()))))
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
-        """Return settings that may keep this pair from bouncing as `wanted`, likeliest first.
+        """Suspects that may keep this pair from bouncing as wanted, likeliest first.
 
-        impacts: of the launches. wanted: e over speed; None where the user named none. Where the
-        plug-in hcbench.restitution or a broken promise explains the bounce, nothing else is named
-        but other contacts.
+        impacts: of the launches. wanted: e over speed; None where the user named none. If the
+        plug-in hcbench.restitution acts on the pair, only what concerns the plug-in is suspected;
+        if a promise of `hcbench tune` is broken, only that; and other contacts in either case.
         """
         changed = self._changed_since_tuned()
         if (law := restitution_law(self.model, self.place.contact.geoms)) is not None:
@@ -242,7 +243,9 @@ class MujocoModel(OpenedModel, LendsSteps):
         ]
 
     def _changed_since_tuned(self) -> list[Suspect]:
-        """Return what breaks the promise of `hcbench tune`; nothing where it promised nothing."""
+        """Suspects that break the promise that `hcbench tune` wrote for this pair; empty without a
+        promise.
+        """
         promise = self._promise()
         if promise is None:
             return []

@@ -46,10 +46,11 @@ class VariedPair(VariedContact):
     parameters = tuple(PARAMETERS)
 
     def __init__(self, source: Any, request: Request) -> None:
-        """Write the <pair>s into a copy of the model, and compile it.
+        """Write a <pair> for every two geoms of the request's pair into a copy of the model, and
+        compile it.
 
-        source: see `open.load`. Raises SceneError for a model that does not compile, UserError
-        where it cannot be written or the pair cannot be measured.
+        source: a path, MJCF text or an MjSpec. Raises SceneError for a model that does not compile,
+        UserError where it cannot be written or the pair cannot be measured.
         """
         own = load(source, request)[0]
         self._label = label_of(source)
@@ -70,7 +71,11 @@ class VariedPair(VariedContact):
         self._numbers = [n for each in geoms for n in explicit_pairs(self._model, each)]
 
     def open(self, request: Request, values: Mapping[str, float]) -> MujocoModel:
-        """A copy of the model whose <pair>s have the values, by the names of PARAMETERS."""
+        """Open a copy of the model whose <pair>s have these values, with the pair at touch.
+
+        values: by names of PARAMETERS, in MuJoCo's units. Raises UserError and its kinds where the
+        pair cannot be measured.
+        """
         model = as_requested(self._model.__copy__(), request)
         for name, value in values.items():
             field, columns = PARAMETERS[name]

@@ -90,7 +90,7 @@ class PairWorlds(ContactFamily):
         self.mobility = tuple(
             sliding_mobility(pair.place, pair.load) / pair.load.strength for pair in pairs
         )
-        # Of each <pair>: its place in this list, its number in the model, and the part of the
+        # Of each <pair>: its index in this list, its number in the model, and the part of the
         # row's solref that it has: several points share one row's strength.
         self._numbers: list[tuple[int, int, Floats]] = []
         for pair in pairs:
@@ -99,7 +99,7 @@ class PairWorlds(ContactFamily):
                 (number,) = explicit_pairs(self._model, geoms)
                 share = self._model.pair_solref[number] / np.where(asked, asked, 1.0)
                 self._numbers.append((len(self._numbers), number, share))
-        # The pair, by its place in `pairs`, of each <pair>.
+        # Index in `pairs` of each <pair>'s pair.
         self._of_pair = np.repeat(np.arange(len(pairs)), [len(pair.geoms) for pair in pairs])
 
     def parameters(self, nominal: Floats, friction: Floats | None) -> dict[str, Floats]:
@@ -113,9 +113,10 @@ class PairWorlds(ContactFamily):
         count = len(nominal)
         solref = np.repeat(self._model.pair_solref[None], count, axis=0)
         sliding = np.repeat(self._model.pair_friction[None], count, axis=0)
-        for place, number, share in self._numbers:
-            pair = self._pairs[self._of_pair[place]]
-            for world, e in enumerate(nominal[:, self._of_pair[place]].tolist()):
+        for i, number, share in self._numbers:
+            of_pair = self._of_pair[i]
+            pair = self._pairs[of_pair]
+            for world, e in enumerate(nominal[:, of_pair].tolist()):
                 solref[world, number] = share * self._row_of(pair, e).solref
             if friction is not None:
                 sliding[:, number, :2] = friction[:, None]
@@ -172,12 +173,12 @@ def _one_step_row(pair: PairToTune, e: float) -> ConstraintRow:
 def _spring_row(
     impedance: float, impratio: float, steps: int, pair: PairToTune, e: float
 ) -> ConstraintRow:
-    """A spring of a nominal e, with friction that stops a slip in one step where the cone allows
-    it.
+    """Contact row of a spring with a nominal e, whose friction stops a slip in one step where the
+    cone allows it.
 
     impedance: d of the spring and its damper. impratio: of the whole model; 0: no pair slides.
-    steps: of half a period. A stiff spring sets an acceleration whatever the mass, so it is not
-    scaled by the load.
+    steps: in half a period of the spring. pair: it has the load. A stiff spring, of a high
+    impedance, sets an acceleration whatever the mass, so it is not scaled by the load.
     """
     load = pair.load
     if impedance > _SOFT:
@@ -196,8 +197,8 @@ def _weight(pair: PairToTune, impedance: float, impratio: float) -> float:
 
 
 def _impratio(model: Any, pairs: Sequence[PairToTune], impedance: float) -> float:
-    """The impratio with which every friction row is heavy enough to hold, and creeps no faster than
-    the user's own; two digits.
+    """Choose the impratio of the whole model with which the friction of every pair is strong enough
+    to hold, and creeps no faster than that of the user's own contact; two digits.
 
     model: compiled, as the user has it. pairs: those without friction ask for nothing. impedance:
     of the normal row.
@@ -214,8 +215,8 @@ def _impratio(model: Any, pairs: Sequence[PairToTune], impedance: float) -> floa
         needed = max(needed, _FRICTION_WEIGHT / _weight(pair, impedance, 1.0))
         # The damping of a row of any weight is at least this.
         damping = impedance / pair.load.timestep
-        mine = slip_under_load((0.0, -damping), solimp, impedance)
+        after = slip_under_load((0.0, -damping), solimp, impedance)
         now = contact_in_force(model, *pair.geoms[0])
         before = slip_under_load(now["solref"], now["solimp"], now["solimp"][1])
-        needed = max(needed, _LESS_CREEP * own * mine / before)
+        needed = max(needed, _LESS_CREEP * own * after / before)
     return float(f"{needed:.2g}")

@@ -95,9 +95,9 @@ class Load:
 
     @classmethod
     def at_touch(cls, place: PairAtTouch, timestep: float, rk4: bool, slides: bool) -> Load:
-        """The load on the contact of a pair that just touches.
+        """Read the load on the contact of a pair that just touches.
 
-        timestep: s. rk4, slides: as in the class.
+        timestep: s. rk4: the integrator is RK4. slides: the contact has friction.
         """
         mobility = estimated_mobility(
             place.pair.model, place.pair.first.body, place.pair.second.body
@@ -123,11 +123,12 @@ def estimated_mobility(model: object, first: int, second: int) -> float:
 def row_choices(
     goal: RestitutionCurve, band: Band, load: Load, adhesive: bool
 ) -> Iterator[tuple[str, Rows]]:
-    """(name, rows) of each setting to offer, the simplest first.
+    """Yield (name, rows) of each setting of a contact to try for a target, the simplest first.
 
-    Stops, within a step and gentle ones, or one step, a spring and damper of one e, two rows whose e
-    depends on speed as the target does, gravity included, and the same two without pulling. The
-    last two are left out for a target without bounce or without loss.
+    For a target that hardly bounces: a stop within a step, and gentle ones of more steps; else a
+    bounce in one step, if nothing slides. Then a spring and damper of one e; then, if e is neither
+    0 nor 1 anywhere, two rows whose e depends on speed as the target's, if `adhesive` with the
+    pull that they may have, and without.
 
     goal: e over speed. band: lowest and highest impact speed, m/s.
     load: on the contact that the rows serve.
@@ -189,7 +190,8 @@ def spring_row(e: float, steps: int, load: Load, solimp: Solimp = SPRING_SOLIMP)
 
 @lru_cache(maxsize=16)
 def _fitted(goal: RestitutionCurve, band: Band, load: Load, adhesive: bool) -> Rows:
-    """A spring, and a damper whose strength grows with depth: two <pair>s of the same two geoms.
+    """Fit two rows to a target: a spring, and a damper whose strength grows with depth, which become
+    two <pair>s of the same two geoms.
 
     goal: e over speed. band: lowest and highest impact speed, m/s. load: on the contact that the
     rows serve. adhesive: whether the rows may pull. Raises SearchInterrupted with the best so far,
@@ -251,7 +253,7 @@ def _path(source: Any) -> Path | None:
 
 
 def _read_utf8(path: Path) -> str:
-    """Text of a model's file.
+    """Read the text of a model's file in UTF-8.
 
     Raises UserError for another encoding: MuJoCo takes any bytes in comments, but its own writer
     then gives a text that Python cannot read.
@@ -431,11 +433,12 @@ def texts_of(source: Any, made: Written, sections: Sequence[str], output: Output
 def written(
     source: Any, pairs: Sequence[tuple[PairToTune, Rows]], impratio: float | None = None
 ) -> Written:
-    """The model of a source with rows for its pairs, in a spec of its own.
+    """Write contact rows for pairs into a copy of a user's model.
 
-    pairs: each with its rows, one <pair> a row for every two geoms. impratio: of the whole model
-    under elliptic cones, 0 to leave both; None: what the rows need. Raises UserError for a source
-    that cannot be written, such as a compiled model or a file that is not in UTF-8.
+    source: a file, MJCF text or an MjSpec; it stays as it is. pairs: each with its rows; a row
+    becomes one <pair> for every two geoms of the pair. impratio: of the whole model, with elliptic
+    cones; 0 to leave both; None for what the rows need. Raises UserError for a source that cannot
+    be written, such as a compiled model or a file that is not in UTF-8.
     """
     spec = spec_of(source)
     model = spec.compile()
@@ -461,9 +464,9 @@ def written(
 
 
 def colliding_geoms(model: Any, pairs: Sequence[ContactPair]) -> list[tuple[int, int]]:
-    """Numbers of the geoms, two and two, of pairs that MuJoCo collides, each once.
+    """Numbers of every two geoms of some pairs that MuJoCo collides, each two once.
 
-    Raises UserError for more than can be written.
+    Raises UserError for more than _PAIRS_MAX, which are too many to write.
     """
     geoms: list[tuple[int, int]] = []
     for pair in pairs:
@@ -493,8 +496,9 @@ def new_step(spec: Any, request: Request) -> float | None:
 
 
 def step_option(spec: Any, step: float | None) -> str:
-    """Set the step in a spec, s, and return the <option> that says so; None: "", and it stays.
+    """Set the time step of a spec, and return the line of XML with the <option> that states it.
 
+    step: s; None: the spec stays as it is, and the line is "".
     A contact tuned at one step bounces otherwise at another. Of two <option>s MuJoCo takes each
     attribute from the later one, so the line holds at the end of a model that has a step.
     """
@@ -505,9 +509,10 @@ def step_option(spec: Any, step: float | None) -> str:
 
 
 def elliptic_option(spec: Any, impratio: float, what_for: str, notes: list[str]) -> str:
-    """Set elliptic cones with an impratio in a spec, and return the <option> that says so.
+    """Set elliptic cones with an impratio in a spec, and return the line of XML with the <option>
+    that states them.
 
-    what_for: a clause for the note that is added to `notes`.
+    what_for: the reason, a clause for the note that is added to `notes`.
     """
     spec.option.cone = backend().mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = impratio
@@ -524,11 +529,12 @@ def contact_text(option: str, lines: Sequence[str]) -> str:
 
 
 def needed_impratio(model: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> float:
-    """The impratio with which no pair drifts faster than in the model as
-    it is; 0 where its own will do.
+    """The impratio of the whole model with which no pair drifts faster under a load than in the
+    model as it is, one digit; 0 where the model's own will do.
 
     model: compiled, as the user has it. pairs: each with the rows that it gets.
-    A friction row holds a load by a slip of R_t/(A b), R_t = R_n/impratio, R_n/A = (1 - d)/d.
+    A friction row holds a load by a slip of R_t/(A b), where R_t = R_n/impratio is its
+    regularisation, R_n/A = (1 - d)/d, and d and b are the impedance and damping.
     """
     own = float(model.opt.impratio)
     needed = 0.0
@@ -548,18 +554,20 @@ def needed_impratio(model: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> flo
 
 
 def slip_under_load(solref: Sequence[float], solimp: Sequence[float], impedance: float) -> float:
-    """Slip of a friction row under a load, at an impedance, but for what all have in common, s.
+    """Slip of a friction row under a load, s, but for factors that all rows have in common: (1 -
+    d)/(d b) at an impedance d, where MuJoCo's damping b is 2/(dmax timeconst), or -solref[1]/dmax.
 
-    solref, solimp: of the row, in either of MuJoCo's formats. The slip is (1 - d)/(d b), where
-    MuJoCo's damping b is 2/(dmax timeconst), or -solref[1]/dmax.
+    solref, solimp: of the row, in either of MuJoCo's formats. impedance: d, held within MuJoCo's
+    bounds.
     """
-    d, dmax = (min(max(number, MIN_IMPEDANCE), MAX_IMPEDANCE) for number in (impedance, solimp[1]))
+    d = min(max(impedance, MIN_IMPEDANCE), MAX_IMPEDANCE)
+    dmax = min(max(solimp[1], MIN_IMPEDANCE), MAX_IMPEDANCE)
     damping = -solref[1] if solref[0] <= 0.0 else 2.0 / max(solref[0], 1e-6)
     return (1.0 - d) / d * dmax / max(damping, 1e-6)
 
 
 def mass_note(place: PairAtTouch) -> list[str]:
-    """One note on the effective mass of a pair both of whose bodies move; else empty."""
+    """A list of one note on the effective mass, if both bodies of a pair move; else empty."""
     model = place.pair.model
     bodies = (place.pair.first.body, place.pair.second.body)
     if not all(model.body_weldid[body] for body in bodies):
@@ -628,10 +636,11 @@ def _is_soft(row: ConstraintRow) -> bool:
 
 
 def _soft_scale(model: Any, pair: PairToTune, geoms: tuple[int, int]) -> float:
-    """MuJoCo's estimate of 1/mass of two geoms over that of the pair's own bodies.
+    """Factor of solref with which a soft row acts between two geoms of a pair as it does between the
+    pair's own bodies: MuJoCo's estimate of 1/mass of the first over that of the second.
 
-    The estimates differ between links, though these bounce as one: times this, a soft row does the
-    same between all geoms of a pair.
+    MuJoCo scales a soft row by its estimate, which differs between the links of a body that bounces
+    as one. geoms: numbers of the two.
     """
     first, second = model.geom_bodyid[list(geoms)].tolist()
     own = pair.place.pair
@@ -674,28 +683,30 @@ def _solreffriction(pair: PairToTune, row: ConstraintRow) -> list[float]:
 
 
 def _friction_damping(place: PairAtTouch, load: Load) -> float:
-    """Damping, 1/s, of friction rows that together stop a slip in one step, along the way that
-    slides most easily.
+    """Damping, 1/s, of friction rows that together stop a slip in one step, in the direction in
+    which the pair slides most easily.
 
-    place: the pair at touch.
+    place: the pair at touch. load: on its contact.
     """
     weight = MIN_IMPEDANCE / (1.0 - MIN_IMPEDANCE) * IMPRATIO * sliding_mobility(place, load)
     return MIN_IMPEDANCE * (1.0 + weight) / max(weight, 1e-3) / load.timestep
 
 
 def sliding_mobility(place: PairAtTouch, load: Load) -> float:
-    """Mobility, 1/mass, of a pair at touch along the way that slides most easily, over MuJoCo's
-    estimate of that along the normal, times the points of the contact, which share it.
+    """Mobility (1/mass) of a pair in the direction in which it slides most easily, relative to the
+    one along the normal that MuJoCo estimates for a single point of the contact.
 
-    It is the largest eigenvalue of J M^-1 J^T over the directions in the plate. load: on the
-    contact; its strength has the estimate and the points.
+    The former is the largest eigenvalue of J M^-1 J^T over the directions in the plate. place: the
+    pair at touch. load: on the contact; its strength has the estimate and the number of points.
     """
     model = place.pair.model
     data = backend().MjData(place.pair.model)
     data.qpos[:] = place.qpos
     backend().mj_forward(model, data)
     normal = place.contact.normal
-    across = np.linalg.svd(normal[None])[2][1:]
+    # Two directions in the plate, at right angles: unit vectors, (2, 3).
+    _, _, normal_and_across = np.linalg.svd(normal[None])
+    across = normal_and_across[1:]
     rows = np.array([place.pair.approach_row(data, place.contact.point, way) for way in across])
     mobility = rows @ np.array([response(model, data, row) for row in rows]).T
     return load.strength * place.effective_mass * float(np.linalg.eigvalsh(mobility)[-1])
@@ -704,11 +715,11 @@ def sliding_mobility(place: PairAtTouch, load: Load) -> float:
 def name_geoms(
     spec: Any, model: Any, geoms: Sequence[tuple[int, int]], notes: list[str]
 ) -> dict[int, str]:
-    """Names by which a <pair> calls geoms, by their numbers; a geom without one is named
+    """Names of geoms by their numbers, as a <pair> needs them; a geom without a name gets
     "geom_NUMBER" in the spec.
 
-    geoms: numbers, two and two. notes: gets a sentence for each new name, as the user's own text
-    lacks it.
+    model: compiled of the spec. geoms: numbers of every two. notes: gets a sentence for each new
+    name, which the user's own text lacks.
     """
     names = {}
     # By number: MuJoCo 3.3 gives the geoms of a spec no .id.

@@ -70,22 +70,24 @@ def bounces_in_rows(
     speeds: tuple[float, float],
     train: LongestTrain | None = None,
 ) -> Bounces:
-    """Bounces of drops from HEIGHTS, and of single impacts from _SLOW times the band's lowest speed
-    up to its highest, at many phases, in the model of the rows.
+    """Simulate a ball on contact rows, in hcbench's own model of MuJoCo's step: single impacts at
+    many speeds and phases, and drops from HEIGHTS.
 
-    timestep: s. gravity: m/s²; without it, 0, the single impacts alone.
-    speeds: lowest and highest of the band, m/s, above 0; impacts go up to the speed of the highest drop,
-    too.
+    timestep: s. gravity: m/s²; for 0 the single impacts alone.
+    speeds: lowest and highest of the band, m/s, above 0. Single impacts go from _SLOW times the
+    lowest up to the highest, and to the speed of the highest drop if that is faster.
     train: the longest train of bounces that the target allows; None: none goes on.
     """
-    u = np.geomspace(
-        _SLOW * speeds[0], max(speeds[1], math.sqrt(2.0 * gravity * HEIGHTS[-1])), _SPEEDS
-    )
-    later = (np.arange(_PHASES) + 0.5) / _PHASES
-    v, phase = (axis.ravel() for axis in np.meshgrid(u, later, indexing="ij"))
+    low, high = speeds
+    fastest = max(high, math.sqrt(2.0 * gravity * HEIGHTS[-1]))
+    grid = np.geomspace(_SLOW * low, fastest, _SPEEDS)
+    phases = (np.arange(_PHASES) + 0.5) / _PHASES
+    # Each speed at each phase, phases of one speed after another.
+    speed = np.repeat(grid, _PHASES)
+    phase = np.tile(phases, _SPEEDS)
     drops = _Drops(rows, timestep, gravity)
-    max_e, gains_below, _ = drops.run(drops.touching(v, phase), is_single=True)
-    impacts = Bounces(max_e, gains_below, still_bouncing=0, tried=v.size)
+    max_e, gains_below, _ = drops.run(drops.touching(speed, phase), is_single=True)
+    impacts = Bounces(max_e, gains_below, still_bouncing=0, tried=speed.size)
     if gravity == 0.0:
         return impacts
     max_e, gains_below, rebounds = drops.run(drops.from_rest(np.array(HEIGHTS)), is_single=False)
@@ -109,7 +111,8 @@ class _Drops:
         self._g = gravity
 
     def touching(self, speeds: Floats, phases: Floats) -> Floats:
-        """States, (3, n), of drops in their first step in contact.
+        """States of drops in their first step in contact, (3, n): penetration, m, rate, m/s, and
+        speed at touch, m/s.
 
         speeds: at touch, m/s, (n,). phases: where in a step each touches, 0 to 1, (n,).
         """
@@ -129,7 +132,8 @@ class _Drops:
         return np.asarray(np.sqrt(np.maximum(0.0, squared)))
 
     def _flown(self, x: Floats, v: Floats) -> tuple[Floats, Floats, Floats]:
-        """(x, v, duration s) of drops in flight, advanced to their first state in contact.
+        """Advance drops in flight to their first state in contact, in closed form: penetration x, m,
+        rate v, m/s, and the duration of the flight, s, (n,) each.
 
         x, v: at the flight's start, m and m/s, (n,).
         """
@@ -161,12 +165,19 @@ class _Drops:
         return max_e, gains_below, rebounds
 
     def _run_by_arrays(self, states: Floats, is_single: bool) -> tuple[float, float, Floats]:
-        """Simulate as `run`, without the library: a step of all drops after the other."""
+        """Simulate drops until each has rested, or for LASTS s, without the compiled library: a step of
+        all drops after the other.
+
+        states: (3, n): penetration, m, its rate, m/s, and the speed at the last touch, m/s.
+        is_single: true where each drop ends with its first rebound.
+        Returns the largest e, the fastest touch of those that gain energy, m/s, and of each drop
+        the speed of the bounce under way at the end, m/s, (n,), 0 for one that rests.
+        """
         count = states.shape[1]
         max_e = 0.0
         gains_below = 0.0
         rebounds = np.zeros(count)
-        # Of those under way: their number among all, time, and steps since the last flight.
+        # Of those under way: index among all; state, time, and steps since the last flight.
         number = np.arange(count)
         states = np.concatenate([states, np.zeros((2, count))])
         x, v, speed_in, clock, still = states
@@ -177,15 +188,16 @@ class _Drops:
             still += 1.0
             parted = np.flatnonzero((x <= 0.0) & (v < 0.0))
             if parted.size:
-                out = self._kept(x[parted], v[parted])
+                speed_out = self._kept(x[parted], v[parted])
                 came = speed_in[parted]
-                e = out / came
+                e = speed_out / came
                 max_e = max(max_e, float(e.max()))
                 gains_below = max(gains_below, float(came[e > MOST_E].max(initial=0.0)))
                 if is_single:
                     clock[parted] = math.inf
                 else:
-                    speed_in[parted] = out
+                    # The next touch is as fast: flight keeps the energy.
+                    speed_in[parted] = speed_out
                     still[parted] = 0.0
                     x[parted], v[parted], lasts = self._flown(x[parted], v[parted])
                     clock[parted] += lasts
@@ -209,7 +221,9 @@ class _Row(ctypes.Structure):
 
     @classmethod
     def of(cls, row: ConstraintRow) -> _Row:
-        """The numbers of a row, as `acceleration` rounds them."""
+        """The numbers of a row for C, combined in the same order as in `acceleration`, so that both
+        round alike.
+        """
         d0, dw, width, midpoint, power = row.solimp
         return cls(
             onset=row.onset,
@@ -240,7 +254,11 @@ class _DropGoal(ctypes.Structure):
 
     @classmethod
     def of(cls, h: float, g: float, rows: int, is_single: bool) -> _DropGoal:
-        """The numbers of drops under a time step of h s and gravity of g m/s², in so many rows."""
+        """Constants of drops for C.
+
+        h: time step, s. g: gravity, m/s². rows: their number. is_single: each drop ends with its
+        first rebound.
+        """
         return cls(
             h=h,
             g=g,
@@ -259,7 +277,7 @@ class _DropGoal(ctypes.Structure):
 
 @cache
 def _library() -> ctypes.CDLL | None:
-    """The drops in C; None where they cannot be compiled."""
+    """Compile and load the loop of drops in C; None where that cannot be done."""
     try:
         library = ctypes.CDLL(str(build("engines/mujoco/passivity/drops.c")))
     # Without a compiler or on a full disk NumPy does it.
@@ -283,8 +301,8 @@ _LAUNCHES = 8
 
 
 def effect_on_others(option: Mapping[str, str], timestep: float, gravity: float) -> str:
-    """One sentence: drift, solver iterations and e of a contact that is not tuned, with MuJoCo's
-    default cone and with the setting's options.
+    """A sentence on what a setting's options of the whole model do to other contacts: drift, solver
+    iterations and e of one, with MuJoCo's default cone and with the options.
 
     option: attributes of the setting's <option>, such as cone and impratio.
     timestep: s. gravity: m/s².
@@ -304,11 +322,10 @@ def effect_on_others(option: Mapping[str, str], timestep: float, gravity: float)
 def _untuned_contact(
     option: Mapping[str, str], timestep: float, gravity: float
 ) -> tuple[float, float, list[float]]:
-    """(drift on a slope mm/s, solver iterations a step there, e of oblique impacts) of one contact
-    that is not tuned.
+    """Simulate a ball in a contact that is not tuned: its drift on a slope, mm/s, the solver's
+    iterations a step there, and e of oblique impacts at _LAUNCHES phases of a step.
 
-    option: attributes of <option>. timestep: s. gravity: m/s². The e are of impacts at _LAUNCHES
-    phases of a step.
+    option: attributes of <option>. timestep: s. gravity: m/s².
     """
     mujoco = backend()
     model = _untuned_ball(option, timestep, gravity, "0.02 1")
@@ -348,10 +365,10 @@ def _untuned_ball(option: Mapping[str, str], timestep: float, gravity: float, so
 
 
 def _untuned_e(model: Any, phase: float) -> float:
-    """Speed out over speed in of an impact that slides, 0 where the ball stays down.
+    """e of an impact of a ball that slides, 0 where the ball stays down: the speed after the first
+    step that ends above the plane on the way up, over the speed at launch.
 
-    phase: of a step, from 0 to 1, by which it touches later. Speed out: after the first step that
-    ends above the plane on the way up.
+    model: compiled, of the ball. phase: where in a step it touches, 0 to 1.
     """
     mujoco = backend()
     data = mujoco.MjData(model)
@@ -378,14 +395,14 @@ _CONES = ("elliptic", "pyramidal")
 def screened(
     scene: Scene, setting: Setting, speeds: tuple[float, float], train: LongestTrain | None = None
 ) -> Passivity | None:
-    """Test a setting for energy in the model of its rows, and what slides in plain MuJoCo: a screen
-    of about a tenth of a second.
+    """Test in about a tenth of a second whether a setting adds energy: bounces and drops in hcbench's
+    own model of its rows, and what slides in plain MuJoCo.
 
     speeds: lowest and highest of the band, m/s.
     train: the longest train of bounces that the target allows; None: none.
 
     None for a setting without rows, in a cup, or under RK4 or discrete, which the model of rows
-    does not step. Raises SettingError for an option that MuJoCo does not have.
+    cannot step. Raises SettingError for an option that MuJoCo does not have.
     """
     if not _is_screened(scene, setting):
         return None
@@ -414,8 +431,8 @@ def with_law(scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
 
 
 def _with_sliding(scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
-    """The passivity with findings of a ball that slides, spins and rolls, in plain MuJoCo; as it is
-    without friction.
+    """Add to a passivity the findings of a ball that slides, spins and rolls, in plain MuJoCo; it is
+    returned as it is for a scene without friction.
     """
     if not scene.friction:
         return passivity
@@ -426,10 +443,11 @@ def _with_sliding(scene: Scene, setting: Setting, passivity: Passivity) -> Passi
 
 
 def with_boxes(scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
-    """The passivity with findings of boxes and a capsule, in plain MuJoCo: of boxes that fall under
-    the scene's gravity, and with friction of what slides and spins.
+    """Add to a passivity the findings of boxes and a capsule, in plain MuJoCo: of boxes that fall
+    under the scene's gravity, and, with friction, of bodies that slide and spin.
 
-    As it is for a setting that `screened` does not test, unless it has a restitution law.
+    It is returned as it is for a setting with neither rows nor a restitution law, in a cup, and
+    under RK4 or discrete without such a law.
     """
     if not (_is_screened(scene, setting) or _is_restitution_law(scene, setting)):
         return passivity
@@ -459,8 +477,8 @@ def _is_restitution_law(scene: Scene, setting: Setting) -> bool:
 def certified(
     scene: Scene, setting: Setting, train: LongestTrain | None = None
 ) -> Passivity | None:
-    """Test a setting by the whole gate in plain MuJoCo, under every integrator, cone and solver
-    that it allows.
+    """Run all tests of energy and rest for a setting in plain MuJoCo, under every integrator, cone
+    and solver that it allows; minutes.
 
     train: the longest train of bounces that the target allows; None: none.
     None for a setting with neither rows nor a restitution law, and in a cup. Raises SettingError
@@ -492,10 +510,11 @@ def _pasted(options: Options, pairs: Sequence[Pair]) -> str:
 
 
 def tried(scene: Scene, setting: Setting) -> tuple[Contact, list[Stepping]]:
-    """(contact to try, options to try it under): the setting's own options, then others that differ
-    from them in the integrator, the cone or the solver. A cone that the setting names is kept.
+    """The contact of a setting to try in plain models, and the options to try it under: the
+    setting's own, then some that differ from them in the integrator, the cone or the solver.
 
-    Raises SettingError for an option that MuJoCo does not have.
+    A cone that the setting names is kept. Raises SettingError for an option that MuJoCo does not
+    have.
     """
     options = read_options(setting.options)
     written = options.attributes(repr)

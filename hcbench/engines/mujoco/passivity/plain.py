@@ -40,6 +40,12 @@ if TYPE_CHECKING:
 
 # Half an edge of a box, m.
 HALF = 0.05
+# Places in the qpos of a free joint, and in its qvel; z is in both.
+_PLACE = slice(0, 3)
+_QUATERNION = slice(3, 7)
+_LINEAR = slice(0, 3)
+_SPIN = slice(3, 6)
+_Z = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +82,10 @@ class Contact:
     friction: float = 0.0
 
     def model(self, bodies: str, options: Stepping, pairs: Sequence[Pair]) -> Any:
-        """A compiled model of a plane and these bodies, whose `pairs` have the contact.
+        """Compile a model of a plane and some bodies, of which some pairs have this contact.
 
-        bodies: <body> elements of MJCF. options: the plain model's. The contact's `option` wins over
-        its cone and solver, and over `timestep`; the integrator of `options` and `gravity` win.
+        bodies: <body> elements of MJCF. options: of the model; the contact's own `option` goes
+        before their cone and solver and before `timestep`, but not before their integrator.
         pairs: names of two geoms each; the plane's is "plate". Raises ValueError for wrong MJCF.
         """
         plain = {"timestep": repr(self.timestep), "cone": options.cone, "solver": options.solver}
@@ -99,8 +105,10 @@ class Contact:
         return self.model(body, options, [("ball", "plate")])
 
     def with_boxes(self, options: Stepping, count: int = 1) -> Any:
-        """A plain model of `count` boxes of edge 2 HALF, 0.5 kg each, one on top of the other on
-        the plane.
+        """Compile a model of boxes of edge 2 HALF, m, and 0.5 kg, one on top of the other on the
+        plane; each meets the next in this contact.
+
+        options: of the model. count: of boxes, 1 or more.
         """
         names = [f"box{i}" for i in range(count)]
         bodies = ""
@@ -212,8 +220,11 @@ def boxes_slide(contact: Contact, options: Stepping) -> list[Finding]:
 
 
 def _findings(contact: Contact, options: Stepping, body: _ThrownBody) -> Iterator[Finding]:
-    """Findings for one body: energy of throws; of a body that lies, hops where it slides, spins or
-    rolls, and creep on a slope if friction is enough to hold it.
+    """Yield findings for one body in a contact: the largest growth of energy in throws; and, for a
+    body that can lie still, how high it hops as it is laid down sliding, spinning or rolling, and
+    how fast it creeps on a slope, if friction is enough to hold it there.
+
+    options: under which it is simulated.
     """
     under = str(options)
     grew = 0.0
@@ -274,35 +285,33 @@ class _Path:
 def _followed(
     model: Any, body: _ThrownBody, velocity: tuple[float, ...], seconds: float, above: float = 0.0
 ) -> _Path:
-    """Let a body go and compare its energy before and after each contact.
+    """Let a body go, and return by which factor contacts made its energy grow at most, and how far it
+    rose, m; both infinite where the state is not finite at the end.
 
-    In free flight MuJoCo turns a body other than a ball with an error of its own: so only contacts
-    count.
-
-    velocity: (6,), m/s and, in its own frame, rad/s.
-    seconds: followed for so long, or _STEPS steps if that is less.
-    above: start over the touch, m.
-
-    Both numbers are infinite where the state is not finite at the end.
+    In free flight MuJoCo turns a body other than a ball with an error of its own: so only changes
+    by contacts count.
+    velocity: (6,), m/s and, in its own frame, rad/s. seconds: to simulate, or _STEPS steps if that
+    is less. above: height of the start over the touch, m.
     """
     data = backend().MjData(model)
-    data.qpos[2] += above
-    data.qpos[3:7] = body.quaternion
+    data.qpos[_Z] += above
+    data.qpos[_QUATERNION] = body.quaternion
     data.qvel[:] = velocity
-    g = -model.opt.gravity[2]
+    g = -model.opt.gravity[_Z]
     h = model.opt.timestep
     inertia = model.body_inertia[1] / model.body_mass[1]
-    began = (data.qvel[:3] @ data.qvel[:3] + inertia @ data.qvel[3:] ** 2) / 2
+    # Kinetic energy at the start, J/kg.
+    began = (data.qvel[_LINEAR] @ data.qvel[_LINEAR] + inertia @ data.qvel[_SPIN] ** 2) / 2
     # Without gravity a body that a contact has stopped has none to compare with.
     slowest = max((_SLOWEST * g * h) ** 2 / 2, _ROUND_OFF * began)
-    start = float(data.qpos[2])
+    start = float(data.qpos[_Z])
     contacts, speeds, heights = _stepped(model, data, min(round(seconds / h), _STEPS))
     if not np.isfinite(data.qpos).all():
         return _Path(math.inf, math.inf)
     # Without contacts the step from a state was free flight.
     free = np.flatnonzero(contacts == 0)
-    v = speeds[free, :3] - np.array([0.0, 0.0, _gained_since(model)])
-    turning = speeds[free, 3:]
+    v = speeds[free, _LINEAR] - np.array([0.0, 0.0, _gained_since(model)])
+    turning = speeds[free, _SPIN]
     before = np.concatenate([[start], heights[:-1]])[free]
     # J/kg, of free flight.
     energy = ((v**2).sum(axis=1) + turning**2 @ inertia) / 2 + g * (before - body.high)
@@ -316,10 +325,11 @@ def _followed(
 
 
 def _stepped(model: Any, data: Any, steps: int) -> tuple[NDArray[np.int32], Floats, Floats]:
-    """(number of contacts in the step that led to each of n states, (n,); its qvel, (n, 6); height
-    of the body after the step from it, m, (n,)) of a body on a free joint.
+    """Step a body on a free joint n times, and record for each of n states the number of contacts in
+    the step that led to it, (n,), its velocity qvel, (n, 6), and the height of the body after the
+    step from it, m, (n,).
 
-    data: moved on by n = `steps` steps. Hundred thousands of them are taken here: what is computed
+    data: MjData; moved on. steps: n. Hundred thousands of steps are taken here: what is computed
     from them waits for the end.
     """
     contacts = np.empty(steps, dtype=np.int32)
@@ -335,7 +345,7 @@ def _stepped(model: Any, data: Any, steps: int) -> tuple[NDArray[np.int32], Floa
         contacts[k] = data.ncon
         speeds[k] = motion
         step(model, data)
-        heights[k] = place[2]
+        heights[k] = place[_Z]
     return contacts, speeds, heights
 
 
@@ -345,17 +355,19 @@ def _gained_since(model: Any) -> float:
     A semi-implicit step leaves the speed of its middle; RK4 that of its end.
     """
     is_rk4 = model.opt.integrator == int(backend().mjtIntegrator.mjINT_RK4)
-    return 0.0 if is_rk4 else -model.opt.gravity[2] * model.opt.timestep / 2
+    return 0.0 if is_rk4 else -model.opt.gravity[_Z] * model.opt.timestep / 2
 
 
 def creep(contact: Contact, options: Stepping, body: _ThrownBody) -> float:
     """Speed of a body down a slope of 5 degrees, m/s, over the last quarter of the time.
 
     It starts at rest, in the attitude in which it does not roll down. Infinite where it diverged.
+
+    contact: of the body with the plate. options: of the plain model.
     """
     model = _model(contact, options, body, contact.gravity)
     data = backend().MjData(model)
-    data.qpos[3:7] = body.along
+    data.qpos[_QUATERNION] = body.along
     model.opt.gravity[:] = contact.gravity * np.array(
         [math.sin(_CREEP_SLOPE), 0.0, -math.cos(_CREEP_SLOPE)]
     )
@@ -402,9 +414,10 @@ def drops(
     heights: Sequence[float] = HEIGHTS,
     train: LongestTrain | None = None,
 ) -> Bounces:
-    """Bounces of balls that are dropped from heights (m) and simulated for LASTS (s).
+    """Drop balls in a plain model from heights, m, simulate them for LASTS s, and read how they
+    bounce.
 
-    train: the longest train of bounces that the target allows; None: none.
+    options: of the model. train: the longest train of bounces that the target allows; None: none.
     """
     mujoco = backend()
     model = contact.with_ball(options)
@@ -413,7 +426,7 @@ def drops(
     states = np.empty((len(heights), mujoco.mj_stateSize(model, kind)))
     for state, height in zip(states, heights, strict=True):
         mujoco.mj_resetData(model, data)
-        data.qpos[2] += height
+        data.qpos[_Z] += height
         mujoco.mj_getState(model, data, state, kind)
     allowed = allowed_rebounds(train, heights, contact.gravity)
     reader = DropReader(contact.timestep, contact.gravity, allowed, speed_reading(model))
@@ -421,14 +434,19 @@ def drops(
         path, _ = mujoco.rollout.rollout(
             model, [data], states, nstep=math.ceil(_CHUNK_S / contact.timestep)
         )
-        reader.add(contact.radius - path[:, :, 3], -path[:, :, 1 + model.nq + 2])
+        # A state has the time before qpos and qvel.
+        height = path[:, :, 1 + _Z]
+        rising = path[:, :, 1 + model.nq + _Z]
+        reader.add(contact.radius - height, -rising)
         states = path[:, -1].copy()
     return reader.bounces
 
 
 def rest_on_slope(contact: Contact, options: Stepping, degrees: float = 10.0) -> Rest:
-    """Rest of a ball that may not turn on a slope of `degrees`, held by friction: its drift, m/s,
-    depth, m, and force.
+    """Let a ball that may not turn rest on a slope, held by friction: its drift, m/s, depth, m, and
+    vibration.
+
+    options: of the plain model. degrees: angle of the slope; gravity is turned by it.
     """
     slides = ""
     for axis in ("1 0 0", "0 1 0", "0 0 1"):
@@ -440,64 +458,75 @@ def rest_on_slope(contact: Contact, options: Stepping, degrees: float = 10.0) ->
 
 
 def _rest(model: Any, seconds: float) -> Rest:
-    """Rest of the first body of a model, from its start at qpos0, over the last half of `seconds`.
-
-    Depth is how far it sinks below the start, m; its drift is along x and y.
+    """Let the first body of a model rest, from its start at qpos0, and measure the last half of
+    `seconds`: penetration, by how far it sinks below the start, m, and drift along x and y, m/s.
     """
     mujoco = backend()
     data = mujoco.MjData(model)
-    force = np.zeros(6)
-    start = data.qpos[:3].copy()
-    # Displacement (3) m, rise m/s, force N of each step.
-    path = np.empty((round(seconds / model.opt.timestep), 5))
-    for row in path:
-        row[:3] = data.qpos[:3] - start
-        row[3] = data.qvel[2]
+    # A contact's force along its normal, N, and what else it transfers.
+    wrench = np.zeros(6)
+    start = data.qpos[_PLACE].copy()
+    steps = round(seconds / model.opt.timestep)
+    # Of each step: way from the start, m, speed upwards, m/s, and force of all contacts, N.
+    moved = np.empty((steps, 3))
+    rising = np.empty(steps)
+    force = np.zeros(steps)
+    for i in range(steps):
+        moved[i] = data.qpos[_PLACE] - start
+        rising[i] = data.qvel[_Z]
         mujoco.mj_step(model, data)
-        row[4] = 0.0
         for contact in range(data.ncon):
-            mujoco.mj_contactForce(model, data, contact, force)
-            row[4] += force[0]
-    time = last_half(np.arange(len(path)) * model.opt.timestep)
-    path = last_half(path)
-    return rest_of(time, -path[:, 2], -path[:, 3], path[:, 4], path[:, :2])
+            mujoco.mj_contactForce(model, data, contact, wrench)
+            force[i] += wrench[0]
+    time = np.arange(steps) * model.opt.timestep
+    return rest_of(
+        time=last_half(time),
+        penetration=-last_half(moved[:, _Z]),
+        rate=-last_half(rising),
+        force=last_half(force),
+        along=last_half(moved[:, :_Z]),
+    )
 
 
 def box_growth(contact: Contact, options: Stepping, attitude: str, speed: float) -> float:
-    """Largest ratio of a box's energy in a flight to that in an earlier one: above 1 it gained
-    some; infinite where it diverged.
+    """Throw a box on the plate, and return the largest ratio of its energy in a flight to that in an
+    earlier one: above 1 it gained energy; infinite where it diverged.
 
-    attitude: a key of _ATTITUDES. speed: downwards at touch, m/s; the box starts 2.4 steps before
-    it.
+    options: of the plain model. attitude: a key of _ATTITUDES. speed: downwards at touch, m/s; the
+    box starts 2.4 steps before the touch.
     """
     model = contact.with_boxes(options)
     quaternion, high = _ATTITUDES[attitude]
     data = backend().MjData(model)
-    data.qpos[2] = HALF * high + 2.4 * contact.timestep * speed
-    data.qpos[3:7] = quaternion
-    data.qvel[2] = -speed
+    data.qpos[_Z] = HALF * high + 2.4 * contact.timestep * speed
+    data.qpos[_QUATERNION] = quaternion
+    data.qvel[_Z] = -speed
     return _growth(model, data, min(_BOX_S, _BOX_STEPS * contact.timestep))
 
 
 def _growth(model: Any, data: Any, seconds: float) -> float:
-    """The largest energy of a later flight of the first body over that of an earlier one.
+    """Largest ratio of the energy of a body in a flight to that in an earlier flight; infinite where
+    the state is not finite at the end.
 
-    data: MjData at the start, in flight; stepped for `seconds`. Flights slower than _SLOWEST g h
-    count as that fast. Infinite where the state is not finite at the end.
+    model: of one body on a free joint. data: MjData at the start, in flight; stepped for `seconds`.
+    Flights with less energy than that of the speed _SLOWEST g h count as that fast.
     """
-    g = -model.opt.gravity[2]
+    g = -model.opt.gravity[_Z]
     h = model.opt.timestep
+    # J/kg, and m² about the main axes.
     slowest = (_SLOWEST * g * h) ** 2 / 2
     inertia = model.body_inertia[1] / model.body_mass[1]
-    start = float(data.qpos[2])
+    start = float(data.qpos[_Z])
     contacts, speeds, later = _stepped(model, data, round(seconds / h))
     heights = np.concatenate([[start], later[:-1]])
     if not np.isfinite(data.qpos).all():
         return math.inf
+    # Without contacts the step from a state was free flight.
     free = contacts == 0
-    v = speeds[free, :3] - np.array([0.0, 0.0, _gained_since(model)])
+    v = speeds[free, _LINEAR] - np.array([0.0, 0.0, _gained_since(model)])
+    turning = speeds[free, _SPIN]
     # J/kg.
-    energy = ((v**2).sum(axis=1) + speeds[free, 3:] ** 2 @ inertia) / 2 + g * (heights[free] - HALF)
+    energy = ((v**2).sum(axis=1) + turning**2 @ inertia) / 2 + g * (heights[free] - HALF)
     least = np.fmin.accumulate(energy)[:-1]
     return float(np.fmax.reduce(energy[1:] / np.maximum(least, slowest), initial=0.0))
 
@@ -514,7 +543,8 @@ def boxes(contact: Contact, options: Stepping) -> Iterator[Finding]:
 def certify(
     contact: Contact, slides: bool, runs: Sequence[Stepping], train: LongestTrain | None = None
 ) -> Passivity:
-    """Run the whole gate under each of the options, and join what it finds.
+    """Run all tests of a contact under each of several options, and join what they find: drops, a
+    ball on a slope and rolling, boxes that fall, a stack, and bodies that slide and spin.
 
     slides: true for a contact whose friction holds a ball on a slope.
     runs: options, one or more.
@@ -552,7 +582,10 @@ def certify(
 
 
 def _rolling(contact: Contact, options: Stepping) -> float:
-    """Kinetic energy of a ball that rolls for _ROLL_S, at the end over that at the start."""
+    """Let a ball roll for _ROLL_S s, and return its kinetic energy at the end over that at the start.
+
+    options: of the plain model.
+    """
     model = contact.with_ball(options)
     data = backend().MjData(model)
     data.qvel[0] = _ROLLS
@@ -565,8 +598,9 @@ def _rolling(contact: Contact, options: Stepping) -> float:
 
 
 def _kinetic(model: Any, data: Any) -> float:
-    v = data.qvel[:3]
-    w = data.qvel[3:6]
+    """Kinetic energy of the only body of a model, J."""
+    v = data.qvel[_LINEAR]
+    w = data.qvel[_SPIN]
     return float(model.body_mass[1] * v @ v + model.body_inertia[1] @ w**2) / 2
 
 

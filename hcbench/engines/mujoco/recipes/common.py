@@ -21,10 +21,11 @@ DAMPED_STEP = Integrators(
 
 
 def nonnegative_fit(columns: Floats, goal: Floats) -> tuple[Floats, float]:
-    """(x >= 0, (k,), with the least |columns x - goal|, that misfit).
+    """Non-negative least squares: the x >= 0, (k,), with the least |columns x - goal|, and that
+    misfit.
 
     columns: (n, k), each in a unit of its own: they are scaled to length 1 for the solver.
-    goal: (n,). x is 0 for an empty column.
+    goal: (n,). x is 0 for a column of zeros.
     """
     # SciPy's optimisation is slow to import, and few recipes need it.
     from scipy.optimize import nnls

@@ -81,7 +81,8 @@ def half_period_steps(corners: float) -> int:
 
 
 def whole_step_row(restitution: float, timestep: float, corners: float = 1) -> ConstraintRow:
-    """A linear spring and damper that turns v into -e v in n whole steps, exactly without gravity.
+    """Contact row of a linear spring and damper that turns a speed v into -e v in a whole number n of
+    Euler's steps, exactly without gravity.
 
     restitution: e. timestep: h, s. corners: that meet at once and share the row.
     The step v+ = v - h (K x + D v), x+ = x + h v+ multiplies by exp(±i π/n) √c, c = 1 - D h: after
@@ -104,12 +105,12 @@ def spring_and_damper_rows(
     rk4: bool = False,
     points: int = 0,
 ) -> list[ConstraintRow]:
-    """Two rows with this e over a band of impact speeds, for two <pair>s of the same two geoms.
+    """Search two rows with a target e over a band of impact speeds, for two <pair>s of the same two
+    geoms: a soft linear spring whose half period is a few steps, and a damper whose impedance grows
+    with depth.
 
-    A soft linear spring of a few steps half period, and a damper whose impedance grows with depth.
-    All their numbers are searched for in a model of the two rows that equals MuJoCo's step, gravity
-    included, to the least largest error over speeds and phases. Per unit mass: the same for any
-    mass.
+    Their numbers have the least largest error over speeds and phases in a model of the two rows
+    that equals MuJoCo's step, gravity included. Per unit mass: the same for any mass.
     curve: e over speed. speeds: lowest and highest of the band, m/s.
     timestep: s. gravity: m/s², into the plate.
     corners: of a body that meet at once, or how much more a row does there than on a ball.
@@ -137,12 +138,13 @@ def _launches(
     below: tuple[int, int],
     above: tuple[int, int] = (0, 0),
 ) -> tuple[Floats, Floats, Floats]:
-    """(speed over the highest, phase, e) of launches in, below and above the band; (n,) each.
+    """Plan the launches that judge a row: speed over the band's highest, phase (where in a step the
+    contact starts, 0 to 1), and target e, (n,) each, in, below and above the band.
 
     curve: e over speed. speeds: lowest and highest of the band, m/s.
     band, below, above: (number of speeds, number of phases of each) there.
 
-    Outside of the band any e will do that gains no energy: NaN.
+    Outside of the band any e will do that gains no energy: the target is NaN.
     """
     low, high = speeds
     parts = [
@@ -150,17 +152,18 @@ def _launches(
         _grid(_SLOW * low / high, low / high, *below),
         _grid(1.0, max(1.0, _FAST / high), *above),
     ]
-    u, where = (np.concatenate(part) for part in zip(*parts, strict=True))
+    u = np.concatenate([shares for shares, _ in parts])
+    where = np.concatenate([phases for _, phases in parts])
     target = np.where(np.arange(u.size) < parts[0][0].size, curve.at(u * high), np.nan)
     return u, where, target
 
 
 def _grid(lowest: float, highest: float, speeds: int, phases: int) -> tuple[Floats, Floats]:
-    """(speed, where in a step the contact starts) of launches; (n,) each.
+    """Speed and phase (where in a step the contact starts, 0 to 1) of launches on a grid; (n,) each.
 
-    lowest, highest: speeds, in any unit; evenly in log between them.
-    speeds: how many. phases: how many at each speed.
-    At each speed other phases, so that few of them leave none out.
+    lowest, highest: speeds, in any unit; the others lie between them evenly in logarithm.
+    speeds: how many. phases: how many at each speed; they are shifted from speed to speed, so that
+    few of them leave no gap.
     """
     later = (np.arange(speeds) * _GOLDEN) % 1.0
     where = np.clip((np.arange(phases) + later[:, None]).ravel() / phases, 0.003, 0.997)
@@ -174,13 +177,13 @@ def pushing_row(
     gravity: float,
     corners: int = 1,
 ) -> ConstraintRow:
-    """One row that only pushes, and comes as near to this e over a band of impact speeds as one e
-    can.
+    """Search one row that only pushes: a linear spring and damper whose e comes as near to a target
+    over a band of impact speeds as one e can.
 
     curve: e over speed. speeds: lowest and highest of the band, m/s. timestep: s. gravity: m/s²,
     into the plate. corners: that meet at once.
-    Half period and damping of a linear spring and damper, searched for with gravity and over all
-    phases: where its last step would pull, a whole number n of steps gives e^(2/n) instead of e.
+    Half period and damping are searched with gravity and over all phases: as the row may not pull
+    in its last step, the closed form of a whole number n of steps would give e^(2/n) instead of e.
     Per unit mass. Raises SearchInterrupted with the best so far.
     """
     low, high = speeds
@@ -219,11 +222,11 @@ def pushing_row(
 
 
 def _bounds(loss: float, timestep: float, gravity: float, corners: float) -> tuple[Floats, Floats]:
-    """Lowest and highest parameters, (6,) each, in the order of _LOWEST.
+    """Bounds of a search of two rows: lowest and highest parameters, (6,) each: half period of the
+    spring in steps, and logarithms of its damping, and of the damper's damping, impedance, width
+    and midpoint.
 
-    loss: 1 - e of the slowest impact.
-    timestep: s. gravity: m/s².
-    corners: that meet at once.
+    loss: 1 - e of the slowest impact. timestep: s. gravity: m/s². corners: that meet at once.
     """
     lowest = _LOWEST.copy()
     highest = _HIGHEST.copy()
@@ -242,10 +245,11 @@ def _bounds(loss: float, timestep: float, gravity: float, corners: float) -> tup
 
 
 def _search(coarse: RowFit, fine: RowFit) -> Floats:
-    """Parameters (6,) with the least error: by evolution on a coarse grid, then on a fine one.
+    """Search the parameters of two rows with the least error, (6,): by evolution with few launches,
+    then from the best of these with many.
 
-    coarse, fine: the same goal on few launches and on many. The same goal always gives the same.
-    Raises SearchInterrupted with the best so far.
+    coarse, fine: the same goal with few launches and with many. The same goal always gives the same
+    parameters. Raises SearchInterrupted with the best so far.
     """
     search = Search(_MEMBERS * (1 + _GENERATIONS) + _BEST * (1 + _POLISH))
     random = np.random.default_rng(_SEED)

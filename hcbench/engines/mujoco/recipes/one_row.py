@@ -65,12 +65,13 @@ def _numbers(parameters: Floats) -> tuple[Floats, ...]:
 
 
 def _work_and_damping(parameters: Floats) -> tuple[Floats, Floats]:
-    """(elastic work, damping) of each interval of depth, fine around the step of the impedance;
-    (population, intervals) each.
+    """Elastic work and damping of one contact row over intervals of depth, which are fine where its
+    impedance steps up; (population, intervals) each.
 
-    parameters: (population, 6), in the order of _LOWEST.
-    Lengths are in widths of the impedance and speeds in the highest one, per unit mass.
+    parameters: of rows, (population, 6), in the order of _LOWEST.
+    Lengths are in widths of the impedance and speeds in the band's highest one, per unit mass.
     """
+    # Stiffness and damping; solimp's impedance at touch and at its width, midpoint and power.
     S, D, d0, dw, midpoint, power = _numbers(parameters)
     step = midpoint * np.maximum(0.0, 1.0 + np.linspace(-10.0, 10.0, 121) / power)
     before = step[:, :1] * np.linspace(0.0, 1.0, 21)[None, :-1]
@@ -93,9 +94,9 @@ def _restitution(parameters: Floats, speeds: Floats) -> Floats:
     parameters: (population, 6), in the order of _LOWEST. speeds: over the highest of the band,
     (speeds,).
 
-    By energy along the depth: v²/2 falls by ΔP + ΔG v on the way in, and grows by ΔP - ΔG v on the
-    way out as long as the contact pushes, v being the interval's mean: first that of its ends, then
-    better.
+    By energy along the depth, per unit mass: over an interval v²/2 falls by P + G v on the way in,
+    and grows by P - G v on the way out as long as the contact pushes. P is the interval's elastic
+    work, G its damping, and v its mean speed: first that of its ends, then better.
     """
     work, damping = _work_and_damping(parameters)
     last, part = _way_in(work, damping, speeds)
@@ -105,12 +106,12 @@ def _restitution(parameters: Floats, speeds: Floats) -> Floats:
 
 
 def _way_in(work: Floats, damping: Floats, speeds: Floats) -> tuple[Whole, Floats]:
-    """(number of the interval in which each impact turns round, -1 where it goes through all; the
-    share of that interval, 0 to 1, that it gets into); (population, speeds) each.
+    """Follow impacts on the way in: the index of the interval of depth in which each turns round, -1
+    where it goes through all, and the share of that interval, 0 to 1, that it gets into;
+    (population, speeds) each.
 
-    work, damping: of each interval of depth, (population, intervals), in the units of
-    `_work_and_damping`: speeds are over the highest of the band, per unit mass.
-    speeds: at touch, over the highest of the band, (speeds,).
+    work, damping: elastic work and damping of each interval, (population, intervals), per unit
+    mass, with speeds in the band's highest one. speeds: at touch, over that one, (speeds,).
     """
     v = np.broadcast_to(speeds, (len(work), len(speeds))).copy()
     last = np.full(v.shape, -1)
@@ -118,7 +119,7 @@ def _way_in(work: Floats, damping: Floats, speeds: Floats) -> tuple[Whole, Float
     for i in range(work.shape[1]):
         P = work[:, i, None]
         G = damping[:, i, None]
-        # At the interval's end, from w²/2 = v²/2 - P - G (v + w)/2.
+        # A first guess of the speed w at the interval's end, from w²/2 = v²/2 - P - G (v + w)/2.
         rough = np.sqrt(np.maximum(G**2 / 4 - 2 * P - G * v + v**2, 0.0)) - G / 2
         left = v**2 - 2 * (P + G * _mean(v, np.maximum(rough, 0.0)))
         stops = (last < 0) & (left <= 0.0)
@@ -133,12 +134,13 @@ def _way_in(work: Floats, damping: Floats, speeds: Floats) -> tuple[Whole, Float
 
 
 def _way_out(work: Floats, damping: Floats, last: Whole, part: Floats) -> Floats:
-    """Speed at which each impact leaves, (population, speeds), in the highest speed of the band.
+    """Follow impacts on the way out: the speed with which each leaves, in the band's highest one,
+    (population, speeds).
 
     work, damping: elastic work and damping of each interval of depth, (population, intervals).
-    last, part: the interval in which each turns round, and the share of it that it gets into,
-    (population, speeds). An interval in which the damping would pull adds nothing: the contact only
-    pushes.
+    last, part: index of the interval in which each turns round, and the share of it that it gets
+    into, (population, speeds). An interval in which the damping would pull adds nothing: the
+    contact only pushes.
     """
     s = np.zeros(part.shape)
     for i in range(int(last.max()), -1, -1):
@@ -154,11 +156,11 @@ def _way_out(work: Floats, damping: Floats, last: Whole, part: Floats) -> Floats
 
 @lru_cache(maxsize=64)
 def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
-    """Parameters of one row, (6,), in the order of _LOWEST, with the least largest error of e,
-    found by an evolution and by Nelder and Mead's method.
+    """Search the parameters of one row, (6,), in the order of _LOWEST, with the least largest error
+    of e, by an evolution and by Nelder and Mead's method.
 
-    shares: speeds over the highest, rising. wanted: e at each. Raises SearchInterrupted with the
-    best so far.
+    shares: impact speeds over the highest of the band, rising. wanted: e at each. Raises
+    SearchInterrupted with the best so far.
     """
     # SciPy's optimisation is slow to import.
     from scipy.optimize import Bounds, differential_evolution, minimize
@@ -274,15 +276,15 @@ SOFT = Recipe(
 
 
 def impulse(target: Target, integrator: str = "Euler", spring: float = 0.0) -> dict[str, Any]:
-    """Options of a setting, by name: one contact whose damping turns v into -e v within the step
-    that finds it closed.
+    """Options of a setting, by name: one contact whose damping turns a speed v into -e v within the
+    step that finds it closed.
 
-    target: e is the best constant of its band; its step counts. integrator: that the options name.
+    target: its best constant e and its time step count. integrator: that the options name.
     spring: K, 1/s².
     A contact of impedance d gives the acceleration a = d (K x - D v) + (1 - d) g: with D = (1 +
-    e)/h a step h ends in v - (1 + e) v = -e v, at any depth x. K is 0 for an e that is exact at
-    every phase. A K above 0 lifts a body at rest out of the slow creep that the missing 1 - d
-    allows, to a depth of 1e-4 g / K, at the price of up to K h² / 2 in e.
+    e)/h a step h ends in v - (1 + e) v = -e v, at any depth x. With K = 0 e is exact at every
+    phase, but a body at rest sinks slowly, by the part 1 - d of gravity; a K above 0 holds it at a
+    depth of 1e-4 g / K, at the price of up to K h² / 2 in e.
     """
     e, _ = minimax_constant(target)
     h = target.timestep
@@ -317,12 +319,12 @@ IMPULSE = Recipe(
 
 
 def spring_damper(target: Target, integrator: str = "Euler") -> dict[str, Any]:
-    """Options of a setting, by name: a Kelvin-Voigt contact, eq. (4), by solref in its direct form,
-    with the best constant e of the band.
+    """Options of a setting, by name: a linear spring and damper (Kelvin-Voigt, eq. (4)) by solref in
+    its direct form, with the target's best constant e.
 
-    integrator: that the options name, and that the numbers are for. Of impedance d throughout, the
-    contact is a = S x / d + D v. S and D are those whose discrete orbit x+ = x + h v+, v+ = v - h
-    (S/d x + D v) has the poles exp((-β ± i ω) h) of the wanted motion exactly, so the step does not
+    integrator: that the options name, and that the numbers are for. With an impedance d throughout,
+    the contact is a = S x / d + D v. S and D are chosen so that the steps x+ = x + h v+, v+ = v - h
+    (S/d x + D v) have the poles exp((-β ± i ω) h) of the wanted motion exactly: the step h does not
     shift e or the contact time to first order.
     """
     e, _ = minimax_constant(target)

@@ -76,9 +76,10 @@ class _Rows(NamedTuple):
         return _Rows(*(column.take(which) for column in self))
 
     def impedance(self, penetration: Floats) -> Floats:
-        """d(r) of the damper, "Impedance": a sigmoid from dmin to dmax as r grows to the width.
+        """Impedance d(r) of the damper rows, (m,): a sigmoid of the power 4 from MuJoCo's least to
+        dmax, which is reached at the width.
 
-        penetration: r, in v h, (m,), as are the widths.
+        penetration: r, in v h, (m,), the unit of the widths, too.
         """
         u = np.clip(penetration / self.width, 0.0, 1.0)
         early = u <= self.midpoint
@@ -116,9 +117,11 @@ class RowFit:
     highest: Floats
 
     def numbers(self, parameters: Floats) -> tuple[Floats, ...]:
-        """K h², D h of the spring; D h, dmax, width/(v h), midpoint of the damper; (p,) each.
+        """Numbers of the two rows for p points of the search, (p,) each: K h² and D h of the spring;
+        D h, dmax, width/(v h) and midpoint of the damper.
 
-        parameters: (p, 6), half period in steps and logs of the rest; held within the bounds.
+        parameters: (p, 6): half period of the spring in steps, logarithms of the loss of the spring
+        and of the damper's four numbers; those outside the bounds are put on them.
         """
         inside = np.clip(parameters, self.lowest, self.highest).T
         spring_damping, damping, dmax, width, midpoint = np.exp(inside[1:])
@@ -133,12 +136,13 @@ class RowFit:
         )
 
     def errors(self, parameters: Floats, limits: Floats) -> Floats:
-        """Error of each of p settings, (p,): the largest of e, and penalties.
+        """Error of each of p settings, (p,): the largest error of e over the launches, plus
+        penalties.
 
-        parameters: (p, 6), half period in steps and logs of the rest. Added are what the contact is
-        deeper than it may be, and a large share of what the largest e is above 0.995 or the
-        target's: a setting that gains energy is never the best.
-        limits: (p,), above which any number will do.
+        parameters: (p, 6), half period in steps and logs of the rest. The penalties are the depth
+        beyond the one that is allowed, and a large multiple of what the largest e is above 0.995
+        and the target's, so that a setting that gains energy is never the best.
+        limits: errors above which any number will do, (p,).
         """
         numbers = self.numbers(parameters)
         library = _library()
@@ -162,8 +166,10 @@ class RowFit:
         return int(_FOLLOWED * self.highest[0])
 
     def _errors(self, numbers: tuple[Floats, ...]) -> Floats:
-        """Errors of p settings, (p,), whatever their limits, without the library. numbers: as of
-        `numbers`.
+        """Error of each of p settings by NumPy, where there is no library in C, (p,).
+
+        numbers: six columns, (p,) each: K h² and D h of the spring; D h, dmax, width/(v h) and
+        midpoint of the damper.
         """
         e, deepest = self._simulate(numbers)
         in_band = ~np.isnan(self.target)
@@ -174,7 +180,7 @@ class RowFit:
         return error
 
     def _columns(self, numbers: tuple[Floats, ...]) -> _Rows:
-        """The rows of p settings, shape (p,).
+        """The rows of p settings, (p,), with what MuJoCo derives of their numbers.
 
         numbers: six columns, (p,) each: K h² and D h of the spring; D h, dmax, width/(v h) and
         midpoint of the damper.
@@ -195,7 +201,8 @@ class RowFit:
         )
 
     def _simulate(self, numbers: tuple[Floats, ...]) -> tuple[Floats, Floats]:
-        """(e of each launch, 0 where it has not parted; largest penetration over v h); (p, n) each.
+        """Simulate all n launches with each of p settings: e, 0 where a launch has not parted, and
+        the largest penetration over v h, (p, n) each.
 
         numbers: six columns, (p,) each: K h² and D h of the spring; D h, dmax, width/(v h) and
         midpoint of the damper.
@@ -246,11 +253,12 @@ class RowFit:
         return e.reshape(-1, launches), deepest.reshape(-1, launches)
 
     def _step(self, rows: _Rows, x: Floats, v: Floats) -> tuple[Floats, Floats]:
-        """(x, v) after a step: Euler's, by the new speed, or the
-        classical Runge-Kutta of MuJoCo's RK4.
+        """Take one step of m launches, Euler's by the new speed, or the classical Runge-Kutta of
+        MuJoCo's RK4: penetration and rate after it.
 
-        x: penetration in v h, (m,). v: its rate, in the band's highest speed.
-        Documentation, Computation, "Numerical integration".
+        rows: of the setting of each launch, (m,). x: penetration in units of v h, (m,). v: its
+        rate, in units of the band's highest speed, (m,). See MuJoCo's documentation, Computation,
+        "Numerical integration".
         """
         if not self.rk4:
             v = v - self._acceleration(rows, x, v)
@@ -262,11 +270,13 @@ class RowFit:
         return x + v + (one + two + three) / 6, v + (one + 2 * two + 2 * three + four) / 6
 
     def _acceleration(self, rows: _Rows, x: Floats, v: Floats) -> Floats:
-        """Gain of speed away from the plate in a step, (m,), in units of the band's highest speed.
+        """Acceleration away from the plate times the step, in the band's highest speed, (m,).
 
-        x: penetration in v h, v: its rate. MuJoCo's documentation, Computation, "Constraint model":
-        (A + R) f = a_ref - a_0, R = (1 - d)/d diag(A). Rows at one point, of weights w = d/(1 - d),
-        give a = (Σ w a_ref - g)/(1 + Σ w), of those that act.
+        rows: of the setting of each launch, (m,). x: penetration in units of v h, (m,). v: its
+        rate, in units of the band's highest speed, (m,).
+        MuJoCo's documentation, Computation, "Constraint model": (A + R) f = a_ref - a_0, R = (1 -
+        d)/d diag(A). Rows at one point, of weights w = d/(1 - d), give a = (Σ w a_ref - g)/(1 + Σ
+        w), summed over those that act.
         """
         g = self.fall
         spring_weight = self.corners * _WEIGHT
@@ -288,10 +298,11 @@ class RowFit:
         return a
 
     def rows(self, parameters: Floats, timestep: float, speed: float) -> list[ConstraintRow]:
-        """Spring and damper in SI units, of parameters (6,), in the digits that a model is written
-        in.
+        """The two rows, a spring and a damper, of one point of the search, in SI units and in the
+        digits with which a model is written.
 
-        timestep: s. speed: the band's highest, m/s, by which the parameters are scaled.
+        parameters: (6,). timestep: s. speed: the band's highest, m/s, by which the parameters are
+        scaled.
         """
         h = timestep
         units = (1 / h**2, 1 / h, 1 / h, 1.0, speed * h, 1.0)
@@ -331,7 +342,7 @@ class _Goal(ctypes.Structure):
 
     @classmethod
     def of(cls, fit: RowFit) -> _Goal:
-        """The goal of a fit, valid as long as this object."""
+        """The goal of a fit for C; its pointers are valid as long as the object that is returned."""
         arrays = [
             np.ascontiguousarray(each, dtype=np.float64)
             for each in (fit.speeds, fit.phases, fit.target)
@@ -360,7 +371,7 @@ class _Goal(ctypes.Structure):
 
 @functools.cache
 def _library() -> ctypes.CDLL | None:
-    """The errors in C; None where they cannot be compiled."""
+    """Compile and load the fit's errors in C; None where that cannot be done."""
     try:
         library = ctypes.CDLL(str(build("engines/mujoco/recipes/row_errors.c")))
     # Without a compiler or on a full disk NumPy does it.

@@ -36,14 +36,13 @@ _POINTS = 501
 
 
 def restitution_sensitivity(law: HuntCrossley, mass: float, speed: float, grid: Floats) -> Floats:
-    """Weights K, (n,), with which an error of a contact's damping changes e: δe = K @ (g - a
-    f)(grid).
+    """Sensitivity of e to an error of a contact's damping at each penetration: weights K, (n,),
+    1/(N s/m), with δe = K @ (g - a f)(grid).
 
     law, mass (kg): of the impact. speed: at touch, m/s. grid: penetrations, m, (n,), rising.
-    K is in 1/(N s/m).
 
-    f(x), N, and g(x), N s/m, make a force f + g v near that of the law, for which g = a f with a =
-    (3/2) α. Only the ratio of g to f matters. With the work U = ∫ f dx as the path, d(v²/2)/dU =
+    A force f(x) + g(x) v, f in N and g in N s/m, is near that of the law, for which g = a f with a
+    = (3/2) α. Only the ratio of g to f matters. With the work U = ∫ f dx as the path, d(v²/2)/dU =
     -(1 + v g/f)/m, and to first order around eq. (16) the integrating factors are 1/(1 + a v) on
     the way in and 1/(1 - a s) on the way out at speed s:
 
@@ -57,6 +56,7 @@ def restitution_sensitivity(law: HuntCrossley, mass: float, speed: float, grid: 
     s = -closed_form.rate_at(law, mass, speed, x, "rebound")
     integrand = v / (1.0 + a * v) + s / (1.0 - a * s)
     share = (integrand[1:] + integrand[:-1]) / 2.0 * np.diff(x)
+    # Each interval's part of the integral goes to the two neighbours of its middle on the grid.
     middle = (x[1:] + x[:-1]) / 2.0
     left = np.clip(np.searchsorted(grid, middle) - 1, 0, len(grid) - 2)
     beyond = np.clip((middle - grid[left]) / (grid[left + 1] - grid[left]), 0.0, 1.0)
@@ -110,7 +110,8 @@ class Band:
     lag: float
 
     def elastic(self, x: Floats) -> Floats:
-        """f(x), m/s², so that f (1 + a v) is the law at the rate v that the engine uses.
+        """Elastic acceleration f of the contact at penetrations x, m, in m/s², so that f (1 + a v) is
+        the law's at the rate v that the engine uses.
 
         An Euler step x+ = x + h v+ knows the rate of half a step ago, v + (h/2) f (1 + a v): hence
         the denominator. The ratio of damping to elastic force, and with it e, stays as it is.
@@ -124,10 +125,11 @@ class Band:
 
 
 def band_of(target: Target, law: HuntCrossley, integrator: str) -> Band:
-    """Band of penetrations that a target's speeds reach under a law without its loss, which goes
-    deepest: mass v²/2 = k xⁿ⁺¹/(n + 1).
+    """The band that a staggered contact has to serve: a target's impact speeds, and the penetrations
+    that they reach.
 
-    integrator: its name; under Euler's kinds rates lag positions by half a step.
+    Without its loss the law goes deepest, to mass v²/2 = k xⁿ⁺¹/(n + 1); there are margins at both
+    ends. integrator: its name; under Euler's kinds rates lag positions by half a step.
     """
 
     def deepest(speed: float) -> float:
@@ -148,12 +150,12 @@ def band_of(target: Target, law: HuntCrossley, integrator: str) -> Band:
 
 
 def _rising(base: float, end: float, power: float, highest: float, start: float) -> Damper:
-    """A damper from `base` to `end` (m) that starts a multiple of the depth
-    where its floor matters later.
+    """A damper whose impedance rises from a penetration `base` to `end`, m, as a power of the depth.
 
-    power, highest: of its impedance.
-    start: that multiple. No impedance is below MIN_IMPEDANCE, so a damper is felt at once when it
-    starts: as much as at that depth.
+    power: of the rise. highest: impedance at `end`.
+    No impedance is below MIN_IMPEDANCE, so a damper is felt as soon as it acts, as much as at the
+    depth at which the power reaches that value. It starts later than `base` by `start` times that
+    depth.
     """
     floor = start * (MIN_IMPEDANCE / highest) ** (1.0 / max(power, 1.0)) * (end - base)
     onset = base + floor
@@ -196,13 +198,14 @@ def _straight(onset: float, end: float, highest: float) -> Damper:
 
 
 def knots_of(band: Band, dampers: Sequence[Damper], misfit: float) -> Floats:
-    """Onsets of the springs, m, rising from 0: so close that straight lines between them are within
-    `misfit` of the curve.
+    """Choose the penetrations at which the springs start, m, rising from 0: so close that straight
+    lines between them are near the curve of the force that the springs have to give.
 
     dampers: that act beside the springs; their weights add to what the springs have to give.
-    misfit: relative to the curve, and below the band's lowest penetration to the curve there.
-    A straight line over a width w is off a curve of second derivative c by c w²/8 at most: hence
-    the density of knots.
+    misfit: that is allowed, relative to the curve, and below the band's lowest penetration to the
+    curve there.
+    A straight line over a width w differs from a curve of second derivative c by c w²/8 at most:
+    hence the density of knots.
     """
     edges = np.geomspace(band.low * 1e-3, band.top * (1.0 - 1e-6), 3001)
     x = np.sqrt(edges[1:] * edges[:-1])
@@ -210,6 +213,7 @@ def knots_of(band: Band, dampers: Sequence[Damper], misfit: float) -> Floats:
     def curve(at: Floats) -> Floats:
         return np.asarray(band.elastic(at) * (1.0 + sum(d.weight(at) for d in dampers)))
 
+    # The second derivative, by central differences.
     nudge = 1e-3
     bend = (curve(x * (1 + nudge)) - 2 * curve(x) + curve(x * (1 - nudge))) / (nudge * x) ** 2
     density = np.sqrt(np.abs(bend) / (8 * misfit * curve(np.maximum(x, band.low))))
@@ -230,8 +234,8 @@ class _Fit:
 
 
 def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floats) -> _Fit:
-    """Springs and dampers together: the force near the law's everywhere, the restitution nearer
-    still.
+    """Fit the strengths of springs and dampers together, so that the force is near the law's at every
+    penetration, and e nearer still.
 
     dampers: with their onsets and impedances; how strong each is, is fitted.
     knots: onsets of the springs, m, (k,).
@@ -241,14 +245,16 @@ def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floa
     One non-negative least-squares problem: a row for the elastic force and one for the damping at
     each penetration, and one for e at each speed; a column for each spring and each damper.
     """
+    # Penetrations, m, (grid,); the law's damping over elastic force, s/m; its elastic force there,
+    # per unit mass, m/s².
     x = band.grid()
     a = band.law.dissipation
     f = band.elastic(x)
+    # (grid, springs): the springs that a penetration has passed.
     behind = x[:, None] > knots
     weights = np.array([d.weight(x) for d in dampers]).reshape(len(dampers), len(x)).T
     share = 1.0 / (1.0 + weights.sum(axis=1) + _SPRING_WEIGHT * behind.sum(axis=1))
-    # A spring starts to act when it asks for more than the others give: its
-    # line starts there, see _rows.
+    # A spring starts to act when it asks for more than the others give: its line starts there.
     already = _SPRING_WEIGHT * (behind * band.elastic(knots)).sum(axis=1) * share
     springs = _SPRING_WEIGHT / MIN_IMPEDANCE * np.maximum(0.0, x[:, None] - knots) * share[:, None]
     damping = weights / np.array([d.solimp[1] for d in dampers]) * share[:, None]
@@ -276,10 +282,10 @@ def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floa
 
 
 def _fit_pruned(band: Band, dampers: Sequence[Damper], misfit: float, sensitivity: Floats) -> _Fit:
-    """The fit without the rows that it has no use for: an idle row would still weigh on the others.
+    """Fit springs and dampers, and again without those that the fit does not use, until all are used:
+    an idle row would still weigh on the others.
 
-    dampers: to choose from.
-    misfit: relative, of the springs' straight lines.
+    dampers: to choose from. misfit: that is allowed of the springs' straight lines, relative.
     sensitivity: of e at each speed of the band to the force at each penetration, (speeds, grid),
     1/(N s/m).
     """
@@ -287,6 +293,7 @@ def _fit_pruned(band: Band, dampers: Sequence[Damper], misfit: float, sensitivit
     while True:
         fit = _fit(band, dampers, knots, sensitivity)
         spacing = np.gradient(np.append(knots, band.top))[:-1]
+        # Springs so weak that they would start more than half a spacing before their knot.
         late = band.elastic(knots) * MIN_IMPEDANCE > 0.5 * fit.stiffness * spacing
         late[0] = False
         if fit.damping.all() and not late.any():
@@ -296,11 +303,11 @@ def _fit_pruned(band: Band, dampers: Sequence[Damper], misfit: float, sensitivit
 
 
 def _rows(band: Band, fit: _Fit) -> list[ConstraintRow]:
-    """The rows of a fit, springs from the shallowest on, then dampers; rows without strength left
-    out.
+    """Contact rows of a fit in SI units: springs from the shallowest on, then dampers; those without
+    strength are left out.
 
-    A spring acts from where it asks for as much as the others give: it
-    starts that much before its knot.
+    A spring only acts once it asks for as much as the others give: so it starts that much before
+    its knot.
     """
     rows = []
     for knot, S in zip(fit.knots, fit.stiffness, strict=True):

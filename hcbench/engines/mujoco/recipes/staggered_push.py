@@ -96,10 +96,11 @@ class Samples:
 
 
 def sample(band: Band, speeds: Floats, points: int) -> Samples:
-    """Samples of the band's law along its loops at impact speeds (m/s), with `points` a branch.
+    """Samples of the law along its loops of force over penetration, one loop for each impact speed:
+    first its way in, then its way out.
 
-    Evenly in the angle of a sine, so dense where the body turns round; a loop is its way in, then
-    its way out.
+    speeds: m/s. points: of each way; evenly in the angle of a sine, so dense where the body turns
+    round.
     """
     law = band.law
     mass = band.mass
@@ -196,12 +197,12 @@ class _Terms:
 
 
 def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGuess) -> PushingRows:
-    """Rows to start a fit from: dampers that add up to the law's damping on the way in, with
-    springs that let them act on the way out, and more springs that make up the rest.
+    """Rows to start a fit from: dampers that add up to the law's damping on the way in, each with a
+    spring that lets it act on the way out; and further springs that make up the rest.
 
-    samples: of the law's force, to which the springs are fitted last. band: of depths that the rows
-    serve. knots: where those more springs start, m; they come first in the rows. guess: how many
-    dampers, and their impedances.
+    samples: of the law's force, to which the further springs are fitted last. band: of depths that
+    the rows serve. knots: where the further springs start, m; they come first in the rows. guess:
+    how many dampers, and their impedances.
     """
     law = band.law
     low = band.low
@@ -228,10 +229,11 @@ def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGues
 
 
 def _damping_on_the_way_in(band: Band, terms: _Terms, force: Floats, widths: Floats) -> Floats:
-    """Damping D of each damper, 1/s, (dampers,): together the law's, a f(x) v, nearest.
+    """Damping D of each damper, 1/s, (dampers,), with which they are together nearest to the law's
+    damping, a f(x) v.
 
     terms: of the dampers at n penetrations and a rate of 1 m/s. force: elastic force f of the law
-    there, per unit mass, (n,). widths: of the dampers' impedances, m.
+    there, per unit mass, m/s², (n,). widths: of the dampers' impedances, m, (dampers,).
     """
     # SciPy's optimisation is slow to import.
     from scipy.optimize import nnls
@@ -247,10 +249,10 @@ def _damping_on_the_way_in(band: Band, terms: _Terms, force: Floats, widths: Flo
 def _springs_of_dampers(
     band: Band, guess: InitialGuess, solimps: Sequence[Solimp], damping: Floats
 ) -> Floats:
-    """Stiffness S, 1/s², of each damper row, with which its own spring outweighs it on the way out
-    of the fastest impact, from a share of its width on, (dampers,).
+    """Stiffness S of each damper row, 1/s², (dampers,): with it the row's own spring outweighs its
+    damping on the way out of the fastest impact, at depths beyond `guess.from_depth` of its width.
 
-    solimps, damping (1/s): of the dampers.
+    solimps: of the dampers. damping: D of each, 1/s, (dampers,).
     """
     law = band.law
     widths = np.array([solimp[2] for solimp in solimps])
@@ -265,11 +267,12 @@ def _springs_of_dampers(
 
 
 def _fit_springs(samples: Samples, rows: PushingRows, springs: int) -> PushingRows:
-    """The first `springs` rows with fitted stiffness S (1/s²), beside the others as they are.
+    """Fit the stiffness S, 1/s², of the first rows, which are springs, to the samples; the other rows
+    stay as they are.
 
-    Rows of weights w and reference accelerations r give a (1 + Σ w) = Σ w r, which is linear in S:
-    the springs have no damping. Which of the other rows act is taken from the law's own
-    acceleration; the springs are taken to act from their onsets on.
+    springs: how many. Rows of weights w and reference accelerations r give a (1 + Σ w) = Σ w r,
+    which is linear in S: the springs have no damping. Which of the other rows act is taken from the
+    law's own acceleration; the springs are taken to act from their onsets on.
     """
     terms = _Terms.of(samples.x, samples.v, rows.onsets, rows.solimps)
     reference = terms.reference(rows.stiffness, rows.damping)
@@ -311,13 +314,15 @@ class _LeastSquares:
         return weights, float(np.linalg.norm(self.samples.scaled(a) - self.goal))
 
     def linearised(self, parameters: Floats, weights: Floats) -> tuple[Floats, Floats, Floats]:
-        """(normal matrix (k, k), right side (k,), unit (k,) of each of the k
-        parameters) where these rows act.
+        """The linear problem around parameters: its normal matrix, (k, k), its right side, (k,), and
+        the units, (k,), in which it has the k parameters.
 
-        weights: of the rows, (n, rows), 0 for one that does not act.
+        parameters: S of all rows, then D of the dampers, (k,). weights: of the rows at the samples,
+        (n, rows), 0 for one that does not act.
         """
         S = parameters[: len(self.dampers)]
         D = parameters[len(self.dampers) :]
+        # A parameter of 0 has a unit, too: a small share of a usual value.
         least = [np.full(len(S), np.median(S[S > 0])), np.full(len(D), np.median(D))]
         unit = np.maximum(parameters, 1e-3 * np.concatenate(least))
         columns = np.concatenate(
@@ -330,10 +335,11 @@ class _LeastSquares:
 
 
 def levenberg_marquardt(samples: Samples, rows: PushingRows, search: Search) -> PushingRows:
-    """The same rows with strengths S and D that fit the samples better: the best after ITERATIONS,
-    or from where no step helps any more.
+    """Fit the strengths S, 1/s², and D, 1/s, of rows to samples of the law, neither below 0, by
+    Levenberg and Marquardt's method; the rows with the best after ITERATIONS, or when no step helps
+    any more.
 
-    rows: start; its onsets and impedances stay, and dampers without D get none. search: counts
+    rows: start; its onsets and impedances stay, and rows without a D get none. search: counts
     ITERATIONS, whether they are needed or not.
     """
     from scipy.optimize import nnls
@@ -443,7 +449,9 @@ def _misfit(rows: PushingRows) -> float:
 
 
 def _beyond(target: Target) -> SettingError:
-    """The error for a target that rows without pull cannot follow."""
+    """The error to raise for a target that rows without pull cannot follow, with the limits of what
+    they can.
+    """
     law = target.law
     return SettingError(
         "target",

@@ -69,7 +69,8 @@ class _Pairs:
         return self.speed / self.omega
 
     def start(self, loss: float) -> Floats:
-        """Parameters by the closed form for n = 1.
+        """Parameters to start a fit from, (6,), in the order of _LOWEST: those with which the damper
+        grows with depth as eq. (16) with n = 1 asks for.
 
         loss: (3/2) α, s/m.
         """
@@ -151,9 +152,10 @@ def two_pair_rows(target: Target) -> list[ConstraintRow]:
 
     def misfit(parameters: Floats) -> Floats:
         e = restitution(pairs.rows(parameters), step, speeds, _PHASES, longest)
-        off = np.nan_to_num(e.mean(axis=1), nan=5.0) - wanted
-        search.record(parameters[None], np.abs(off).max(keepdims=True))
-        return np.asarray(off / _UNIT)
+        # A launch that has not parted counts as far off.
+        errors = np.nan_to_num(e.mean(axis=1), nan=5.0) - wanted
+        search.record(parameters[None], np.abs(errors).max(keepdims=True))
+        return np.asarray(errors / _UNIT)
 
     best = starts[0]
     error = np.inf

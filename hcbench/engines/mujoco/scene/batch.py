@@ -64,10 +64,11 @@ def stays_on_axis(mujoco: Any, model: Any) -> bool:
 
 
 def _solves_well(mujoco: Any, model: Any) -> bool:
-    """Say whether the solver may iterate until it converges: at least as often, and to as small a
-    tolerance, as MuJoCo does by default. Stopped early, it moves a free ball otherwise.
+    """Say whether a model lets the solver iterate until it converges: at least as often, and to as
+    small a tolerance, as MuJoCo does by default.
 
-    mujoco: the module. model: MjModel.
+    If it is stopped early, a free ball moves otherwise than one on a slide. mujoco: the module.
+    model: MjModel.
     """
     option = model.opt
     usual = mujoco.MjOption()
@@ -80,9 +81,10 @@ def _solves_well(mujoco: Any, model: Any) -> bool:
 
 
 def _contact_ways(model: Any) -> list[tuple[int, int, int]]:
-    """(ball's geom, other geom, condim of the contact) of all ways for the ball to touch.
+    """Contacts that the ball of a model can have: (number of the ball's geom, of the other geom,
+    condim) of each.
 
-    By <pair>s if the model has any; else by what contype and conaffinity let collide.
+    They are its <pair>s if the model has any; else what contype and conaffinity let collide.
     """
     ball = model.geom_bodyid == model.jnt_bodyid[0]
     if model.npair:
@@ -104,9 +106,11 @@ def _contact_ways(model: Any) -> list[tuple[int, int, int]]:
 
 
 def collidable_pairs(model: Any, moving: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Numbers of each two geoms, one of `moving` and one not, whose masks let them collide.
+    """Numbers of the two geoms, first one that moves, then one that does not, of each pair whose
+    masks (contype and conaffinity) let them collide.
 
-    moving: (ngeom,). Other filters of MuJoCo's, and <pair>s, are not looked at.
+    moving: of each geom whether it moves, (ngeom,). Other filters of MuJoCo's, and <pair>s, are not
+    looked at.
     """
     still = np.flatnonzero(~moving).tolist()
     pairs: list[tuple[int, int]] = []
@@ -161,10 +165,12 @@ def island_flag(mujoco: Any) -> int:
 
 
 def replace_free_joint(mujoco: Any, spec: Any, height: float) -> None:
-    """Make free joints of a spec slides along z, whose position is the height of the body's centre.
+    """Turn the free joints of a spec into slides along z, whose position is the height of the body's
+    centre.
 
-    mujoco: the module. spec: MjSpec, changed. height: of the centre at qpos0, m. Done after
-    reading, as a <freejoint> takes nothing from default classes and a slide would.
+    mujoco: the module. spec: MjSpec, changed. height: of the centre at qpos0, m. It is done in the
+    spec and not in the MJCF, where a slide would take numbers from default classes, as a
+    <freejoint> does not.
     """
     for joint in spec.joints:
         joint.type = mujoco.mjtJoint.mjJNT_SLIDE
@@ -173,10 +179,12 @@ def replace_free_joint(mujoco: Any, spec: Any, height: float) -> None:
 
 
 def copy_inverse_weights(mujoco: Any, model: Any, free: Any) -> None:
-    """Give balls on slides the inverse masses that MuJoCo computes of a free ball.
+    """Give balls on slides the inverse masses that MuJoCo computes of a free ball, and so the same
+    contact forces.
 
-    model: of balls on slides; changed. free: of one free ball. Also sets the solver, where a ball
-    is never in more than one constraint: to one sweep of Gauss and Seidel, the same to rounding.
+    model: of balls on slides; changed. free: of one free ball. If a ball is never in more than one
+    constraint, the solver is set to one sweep of Gauss and Seidel, which gives the same forces but
+    for round-off, and is faster.
     """
     body = int(free.jnt_bodyid[0])
     size = model.njnt
@@ -235,10 +243,10 @@ class BatchedModel:
     sliding: bool
 
     def pack(self, states: Floats) -> Floats:
-        """States of one ball each, (b, nstate), as states of `size` balls,
-        (rows, nstate of the batch), rows = b/size rounded up.
+        """Pack states of one ball each into states of the batch, of `size` balls each: (rows, nstate
+        of the batch), with rows = b/size rounded up.
 
-        Places that are left over in the last row repeat the last ball.
+        states: (b, nstate). What is left over of the last row repeats the last ball.
         """
         if self.whole:
             return states
@@ -253,10 +261,11 @@ class BatchedModel:
         return packed
 
     def unpack(self, packed: Floats, states: Floats) -> Floats:
-        """`states`, (b, nstate), with the time, positions and velocities of the batch's states.
+        """Copy the time, positions and velocities of states of the batch into states of one ball
+        each: the inverse of `pack`.
 
-        packed: states of the batch, (rows, nstate of the batch), several balls in each row. The
-        result is a copy.
+        packed: (rows, nstate of the batch), several balls in each row. states: (b, nstate), not
+        changed; the result is a copy of them with these numbers.
         """
         if self.whole:
             return packed.copy()
@@ -268,11 +277,12 @@ class BatchedModel:
         return states
 
     def columns(self, path: Floats, component: tuple[int, int], count: int) -> Floats | None:
-        """One number of each of `count` balls over a path of states
-        (rows, n, nstate), shape (count, n).
+        """One number of each ball over a path of states of the batch, (count, n); None for a number
+        that does not change, since the balls are on slides.
 
-        component: 0 and 0 ... 6 for positions, 1 and 0 ... 5 for
-        velocities. None: it stays what it is.
+        path: (rows, n, nstate of the batch), SI. component: (0, 0 ... 6) for a position or part of
+        the quaternion, (1, 0 ... 5) for a velocity or part of the spin. count: of balls, the first
+        in the rows.
         """
         kind, i = component
         if self.whole:
@@ -305,12 +315,12 @@ class BatchedModel:
 
 
 def batch_kind(loaded: SceneModel) -> Kind:
-    """Choose how a ball can share a model with others and keep its bits.
+    """Choose how the ball of a scene can share a model with other balls without a change of any bit
+    of its motion: "alone" (not at all), "free" (with its free joint), or "sliding" (on a slide
+    along z, as it cannot leave its axis).
 
-    "alone": not at all. "free": with its free joint. "sliding": on a slide along z, where it cannot
-    leave its axis.
-    Before MuJoCo 3.17 an island's convergence is judged by the inertia of the whole model: then a
-    ball shares only where one division gives its force.
+    Before MuJoCo 3.17 the convergence of one ball's forces is judged by the inertia of the whole
+    model: then a ball shares a model only where a single division gives its force.
     """
     mujoco = loaded.mujoco
     model = loaded.model
@@ -338,8 +348,8 @@ def _solves_as_usual(mujoco: Any, option: Any) -> bool:
 
 
 def _moves_alone(loaded: SceneModel) -> bool:
-    """Say whether one joint is all that moves, and nothing else of the
-    model acts on it or counts it.
+    """Say whether the ball's joint is all that moves in the model, and the model has nothing, such
+    as actuators, that acts on the ball or would have to be repeated for more balls.
     """
     if loaded.plugged or loaded.model.njnt != 1 or loaded.model.nsensor > 1:
         return False
@@ -348,7 +358,8 @@ def _moves_alone(loaded: SceneModel) -> bool:
 
 
 def _touches_in_one_way(model: Any) -> bool:
-    """Say whether the ball can touch only by written <pair>s, or else by one pair of geoms at most.
+    """Say whether the ball's contacts are all written as <pair>s, or, without <pair>s, only one pair
+    of geoms can touch.
 
     Pairs of geoms are those of one that moves with one that does not. False also for a contype or
     conaffinity above 15 bits, as `_disable_mutual_collisions` packs two into one number.
@@ -364,9 +375,10 @@ def _touches_in_one_way(model: Any) -> bool:
 
 
 def compile_batch(loaded: SceneModel, size: int, sliding: bool) -> BatchedModel:
-    """A compiled model of `size` balls, each like the one of `loaded`.
+    """Compile a model with several balls that do not touch each other, each like the one of `loaded`.
 
-    loaded: a model whose `batch_kind` is not "alone". sliding: each ball on a slide along z.
+    loaded: a scene whose `batch_kind` is not "alone". size: number of balls. sliding: each on a
+    slide along z.
     """
     mujoco = loaded.mujoco
     one = loaded.model
@@ -390,9 +402,11 @@ def _ball(root: ET.Element) -> ET.Element:
 
 
 def _repeated(root: ET.Element, size: int) -> ET.Element:
-    """The MJCF, changed, with `size` - 1 copies of the ball and of what refers to it by name.
+    """Add copies of the ball to an MJCF, and of all contacts, tendons and sensors that refer to it by
+    name.
 
-    Contacts, tendons and sensors of a copy have its number behind a mark in their names.
+    root: changed, and returned. size: number of balls in the end. Names in a copy end in a mark and
+    its number.
     """
     # Keyframes are made for one ball.
     for keyframe in root.findall("keyframe"):
@@ -433,10 +447,10 @@ def _refers(element: ET.Element, names: Mapping[str, set[str | None]]) -> bool:
 
 
 def _renamed(element: ET.Element, names: Mapping[str, set[str | None]], suffix: str) -> ET.Element:
-    """The element, changed, with a suffix on its own names and on those of the
-    ball's parts that it refers to.
+    """Add a suffix to the names that an element and its children have, and to the names of the
+    ball's parts to which they refer.
 
-    names: of the ball's parts, by tag.
+    element: changed, and returned. names: of the ball's parts, by tag.
     """
     for part in element.iter():
         if "name" in part.attrib:
@@ -448,11 +462,11 @@ def _renamed(element: ET.Element, names: Mapping[str, set[str | None]], suffix: 
 
 
 def _disable_mutual_collisions(spec: Any) -> None:
-    """Change masks of a spec so that balls collide with what is fixed as before, never with each
-    other.
+    """Change the collision masks of a spec so that balls collide with fixed geoms as before, but
+    never with each other.
 
-    A ball keeps both its masks in its contype, what is fixed both in its conaffinity: the masks of
-    two balls then have no bit in common.
+    A ball gets both its masks into its contype, a fixed geom both into its conaffinity: then the
+    masks of two balls have no bit in common. spec: MjSpec, changed.
     """
     # The <pair>s are all ways to touch, or the model would not be batched: collisions need not be
     # looked for, which would cost a sixth of a step.

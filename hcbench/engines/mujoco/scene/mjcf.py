@@ -37,10 +37,11 @@ INTEGRATORS: tuple[str, ...] = get_args(_Integrator)
 
 
 class _RowTable(OptionTable):
-    """One contact constraint of a setting, as a file or a recipe states it; checked strictly.
+    """One contact constraint of a setting's option `rows`, as a user or a file states it.
 
-    solref, solimp, solreffriction: in MuJoCo's own form. onset: penetration at which it begins to
-    act, m. adhesion: N, 0 or more. friction: coefficient, 0 or more.
+    solref, solimp, solreffriction: MuJoCo's numbers; solreffriction () for that of solref.
+    onset: depth at which it starts, m. adhesion: force with which it may pull, N. friction: μ, 0
+    for none.
     """
 
     solref: tuple[Finite, Finite] = Field(
@@ -70,8 +71,10 @@ class _RowTable(OptionTable):
 
 
 class _Table(OptionTable):
-    """Options of a MuJoCo setting, see `Options`; checked strictly, since MuJoCo itself clamps,
-    warns or ignores in silence.
+    """Options of a setting as a user or a file states them, to be checked.
+
+    integrator, cone, impratio: MuJoCo's; None: the model's own. rows: of the contact. corners: how
+    many points land together. law: of a plug-in, in place of rows; friction: its μ.
     """
 
     integrator: _Integrator | None = Field(None, description=f"one of: {', '.join(INTEGRATORS)}")
@@ -106,9 +109,10 @@ class Options:
         return self.rows * self.corners
 
     def attributes(self, number: Callable[[float], str] = repr) -> dict[str, str]:
-        """Attributes of a model's <option> that are set, except the step.
+        """Attributes of a model's <option> that the setting sets, but for the time step: texts by
+        name.
 
-        number: writes one.
+        number: makes the text of a number.
         """
         ratio = None if self.impratio is None else number(self.impratio)
         texts = {"integrator": self.integrator, "cone": self.cone, "impratio": ratio}
@@ -116,7 +120,11 @@ class Options:
 
 
 def read_options(options: Mapping[str, Any]) -> Options:
-    """Options from a setting; SettingError names the first one that MuJoCo does not have."""
+    """Check the options of a setting, and read them.
+
+    options: by name, as a setting has them. Raises SettingError for the first that MuJoCo does not
+    have, for a law together with rows, and for a friction without a force law.
+    """
     table = validate(_Table, options, SettingError, "mujoco option '{}'")
     law = None
     if table.law is not None:
@@ -163,10 +171,12 @@ option "install" once, and every MuJoCo program of this Python loads it. Or load
 
 
 def model_xml(scene: Scene, setting: Setting) -> str:
-    """The complete MJCF of a scene under a setting, as it is simulated: runs in plain MuJoCo.
+    """The complete MJCF of a scene under a setting, as text; it is what is simulated, and plain
+    MuJoCo runs it.
 
     At qpos0 the ball just touches the plate. Raises SettingError for options that MuJoCo does not
-    have, and the errors of `scene_tree`.
+    have and for friction or adhesion in a cup, SceneError for a scene without a model, or whose
+    model lacks ball or plate.
     """
     head = f"{scene.name} with the contact setting {setting.name!r} at a step of {setting.timestep!r} s."
     options = read_options(setting.options)
@@ -206,7 +216,7 @@ def option_attributes(setting: Setting) -> dict[str, str]:
 
 
 def pairs_text(rows: Sequence[ConstraintRow], pair: tuple[str, str], indent: str = "") -> str:
-    """Text of the rows, a line each: a <pair> of two geoms.
+    """MJCF text of contact rows: one line for each, a <pair> of the same two geoms.
 
     pair: names of the geoms. indent: blanks before each line. Each attribute that matters is
     written even where it is MuJoCo's default, as a model's <default><pair> may have another.
@@ -230,7 +240,8 @@ def _written(attributes: Mapping[str, str]) -> str:
 
 
 def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:
-    """The complete MJCF of a scene under a setting, as a tree.
+    """The complete MJCF of a scene under a setting, as a tree of XML: the scene's file with step,
+    gravity, mass, contact and friction written into it.
 
     timestep: s. Raises SceneError for a scene without a model, or whose model lacks ball or plate;
     SettingError for friction or adhesion in a cup.
@@ -260,14 +271,12 @@ def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:
 
 
 def _write_friction(root: ET.Element, scene: Scene, path: Path, in_rows: bool) -> None:
-    """Write Coulomb's friction into every contact of ball and plate that does not say its own.
+    """Write the scene's Coulomb friction into an MJCF: into the geoms of ball and plate, and into
+    <pair>s that state no friction of their own.
 
-    The ball gets the scene's mass (kg) and inertia (kg m²), so that it turns as the scene's does.
-
-    path: of the model, for errors.
-    in_rows: the rows say which of them has friction.
-
-    Raises SettingError for a cup, whose contact has no friction.
+    root: changed. path: of the model, for errors. in_rows: rows of the setting have friction, so
+    <pair>s stay as they are. The ball also gets the scene's mass (kg) and inertia (kg m²), so that
+    it turns as the scene's does. Raises SettingError for a cup, whose contact has no friction.
     """
     if scene.form == "cup":
         given = f"{scene.friction!r} in the form 'cup'"
@@ -302,10 +311,10 @@ def add_acceleration_sensor(root: ET.Element) -> None:
 
 
 def set_mass(body: ET.Element, mass: float, path: Path) -> None:
-    """Give a body this mass, kg, and the inertia of the same shape at another density: at its own
-    the inertia stays as it is, to the bit.
+    """Give a body of an MJCF this mass, kg, and scale its inertia by as much; with the mass that it
+    has the inertia stays as it is, to the bit.
 
-    Without an <inertial>, its geom "ball" gets the mass.
+    body: its element, changed. Without an <inertial>, its geom "ball" gets the mass.
     path: of the model, for errors. Raises SceneError for an <inertial> without a finite mass above
     0, and where there is neither an <inertial> nor that geom.
     """
@@ -348,9 +357,10 @@ def add_pairs(
 
 
 def pair_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) -> dict[str, str]:
-    """A row as attributes of a <pair>; without geoms, gap, or what is MuJoCo's default.
+    """Attributes of a <pair> with which it is this row, texts by name; those of geoms and gap are
+    left out, and those that would be MuJoCo's default.
 
-    number: writes one number.
+    number: makes the text of a number.
     """
     values = {"solref": row.solref, "solimp": row.solimp, "margin": [-row.onset]}
     if row.adhesion:
@@ -365,9 +375,10 @@ def pair_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) -
 
 
 def limit_attributes(row: ConstraintRow, number: Callable[[float], str] = repr) -> dict[str, str]:
-    """A row as attributes of a tendon, by their names; its onset is in the tendon's range.
+    """Attributes of a tendon with which its limit is this row, texts by name; the row's onset is in
+    the tendon's range, which is not among them.
 
-    number: writes one.
+    number: makes the text of a number.
     """
     return {
         "solreflimit": numbers_text(row.solref, number),
@@ -385,10 +396,9 @@ def numbers_text(numbers: Iterable[float], number: Callable[[float], str] = repr
 
 
 def _parse(path: Path, folder: Path, above: tuple[Path, ...]) -> ET.Element:
-    """Parse a file with its includes in place; they are relative to the main file's folder.
+    """Parse an MJCF file, and put the content of the files that it includes in their place.
 
-    folder: of the main file. above: files that include this one.
-
+    folder: of the main file, from which all includes lead. above: files that include this one.
     Raises SceneError for what cannot be read, and for an include of itself.
     """
     try:
@@ -409,9 +419,10 @@ def _parse(path: Path, folder: Path, above: tuple[Path, ...]) -> ET.Element:
 
 
 def _anchor_files(root: ET.Element, folder: Path) -> None:
-    """Let meshes and textures be found from anywhere: text has no folder of its own.
+    """Write the folders of meshes and textures into an MJCF as absolute paths, since its text, once
+    written, has no folder of its own; nothing where it names no files.
 
-    folder: of the file that the MJCF was read from; nothing is written where it names no files.
+    root: changed. folder: of the file that the MJCF was read from.
     """
     asset = list(root.iterfind("asset/*[@file]"))
     if not asset:
@@ -425,10 +436,10 @@ def _anchor_files(root: ET.Element, folder: Path) -> None:
 def _write_limits(
     root: ET.Element, scene: Scene, rows: Sequence[ConstraintRow], path: Path
 ) -> None:
-    """Write each row as the limit of a tendon between the two centres,
-    as the scene's own `contact` is.
+    """Write each row into the MJCF of a cup as the limit of a tendon between the two centres: the
+    first into the scene's tendon `contact`, the others into copies of it.
 
-    path: of the model, for errors.
+    root: changed. path: of the model, for errors.
 
     Raises SettingError for adhesion, as a limit only pushes; SceneError where the model has no
     tendon `contact`.

@@ -51,12 +51,12 @@ _MOST_STEPS = 100_000
 
 
 def parting_speed(push: Push, speed: float, first_step: float, longest: float) -> float:
-    """Speed at which the push has gone, m/s; 0 for a contact that has not ended by then.
+    """Follow a contact from touch until it no longer pushes, and return the speed with which the
+    bodies then part, m/s; 0 for a contact that has not ended by `longest`.
 
-    push: acceleration apart at (penetration, m; its rate, m/s), m/s^2.
-    speed: of approach at touch, m/s.
-    first_step: s, short beside all that happens.
-    longest: how long it is followed, s.
+    push: acceleration apart, m/s², as a function of penetration, m, and its rate, m/s.
+    speed: of approach at touch, m/s. first_step: of the integration, s, short beside all that
+    happens; later steps follow the error. longest: time to follow the contact, s.
     """
     time = 0.0
     x = 0.0
@@ -81,10 +81,10 @@ def parting_speed(push: Push, speed: float, first_step: float, longest: float) -
 
 
 def _step(push: Push, x: float, v: float, step: float) -> tuple[float, float, float, float]:
-    """(x m, v m/s) one step (s) on, and the sizes of their errors in the same units, by Dormand and
-    Prince.
+    """Take one step of Dormand and Prince's method: penetration x, m, and rate v, m/s, after it, and
+    estimates of their errors.
 
-    push: acceleration apart of the contact, m/s², at (x, v); below 0 it counts as none.
+    push: acceleration apart of the contact, m/s², at (x, v); below 0 it counts as none. step: s.
     """
     # Rates of x and of v at each stage; the contact only pushes.
     speeds = [v]
@@ -107,9 +107,11 @@ def _weighted(weights: Sequence[float], rates: Sequence[float]) -> float:
 
 
 def _at_parting(push: Push, x: float, v: float, step: float) -> float:
-    """Rate v, m/s, where the push goes within a step, by bisection.
+    """Find by bisection the time within a step at which the contact no longer pushes; the rate v
+    then, m/s.
 
-    x, v: at the step's start, m and m/s. step: s, at whose end the push has gone.
+    x, v: penetration, m, and rate, m/s, at the step's start. step: s, at whose end the contact no
+    longer pushes.
     """
     low = 0.0
     high = step
@@ -173,21 +175,21 @@ class ConstraintRow:
         onset: float = 0.0,
         adhesion: float = 0.0,
     ) -> ConstraintRow:
-        """The row of a stiffness S, 1/s², and a damping D, 1/s, per unit effective mass.
+        """Make a row by its stiffness S, 1/s², and damping D, 1/s, per unit effective mass.
 
-        onset: m. adhesion: N.
+        solimp: MuJoCo's, of the impedance. onset: depth from which the row acts, m. adhesion: N.
         """
         return cls((-float(stiffness), -float(damping)), solimp, float(onset), float(adhesion))
 
     def with_friction(self, coefficient: float, timestep: float, impratio: float) -> ConstraintRow:
-        """The same row with Coulomb friction that stops a rolling solid
-        sphere's slip in about a step.
+        """The same row with Coulomb friction that stops the slip of a solid sphere in about a step,
+        as far as μ allows. For a row whose impedance d is constant.
 
-        coefficient: μ. timestep: s. impratio: that the model will have.
+        coefficient: μ. timestep: h, s. impratio: that the model will have.
 
-        The impedance of friction is d_t = w/(1 + w), w = d/(1 - d) impratio s, where the contact
-        point gives way s = 1 + m R²/I = 3.5 times as easily along the plate as along its normal: "0
-        -(d/d_t)/h" then asks for the deceleration v/h. For a row whose impedance d is constant.
+        The contact point gives way s = 1 + m R²/I = 3.5 times as easily along the plate as along its
+        normal. So the impedance of friction is d_t = w/(1 + w), w = d/(1 - d) impratio s, and the
+        solreffriction "0 -(d/d_t)/h" asks for the deceleration v/h.
         """
         d = self.solimp[0]
         w = d / (1.0 - d) * impratio * _SOLID_SPHERE
@@ -206,8 +208,8 @@ class ConstraintRow:
         return -self.solref[1]
 
     def option(self) -> dict[str, Any]:
-        """The row as a MuJoCo setting writes it, by the fields' names; friction only where there is
-        some.
+        """Entry of the option `rows` of a setting for this row, by the names of fields; those of
+        friction are there only if it has some.
         """
         option: dict[str, Any] = {
             "solref": list(self.solref),
@@ -235,11 +237,11 @@ def _held_impedance(d: float) -> float:
 
 
 def impedance(solimp: Sequence[Floats | float], depth: Floats) -> Floats:
-    """Impedance d, from 0 to 1, at depths below the onset (m); solimp's numbers and depths
-    broadcast.
+    """MuJoCo's impedance d, from 0 to 1, at depths: d0 at touch, dw from the width on, and a power
+    sigmoid between (its documentation, Modeling, "Impedance").
 
-    MuJoCo's documentation, Modeling, "Impedance": d0 at touch, dw from the width on, and a power
-    sigmoid between.
+    solimp: its five numbers, d0, dw, width (m), midpoint and power; each may be an array that
+    broadcasts with the depths. depth: below the onset, m.
     """
     d0, dw, width, midpoint, power = solimp
     # `np.clip` takes four times as long.
@@ -264,13 +266,12 @@ def _weight(d: Floats, depth: Floats) -> Floats:
 def combine(
     reference: Floats, weights: Floats, may_pull: Floats | bool, axis: int, gravity: float = 0.0
 ) -> tuple[Floats, Floats]:
-    """(acceleration apart m/s², weights of the rows that act) of rows along an axis.
+    """Acceleration apart that several rows give together, m/s², without the axis of the rows; and
+    their weights, 0 for those that do not act, with it.
 
-    The axis is gone from the acceleration; the weights keep it.
-    reference: acceleration that each row asks for, m/s².
-    weights: d/(1 - d) of each, 0 above its onset.
-    may_pull: true for a row with adhesion.
-    gravity: together, m/s².
+    reference: acceleration that each row asks for, m/s². weights: d/(1 - d) of each, 0 above its
+    onset, of the same shape. may_pull: true for rows with adhesion; others act only while they
+    push. axis: that of the rows. gravity: that presses together, m/s².
     """
     while True:
         pushed = np.add.reduce(weights * reference, axis=axis, keepdims=True) - gravity
@@ -309,16 +310,15 @@ def acceleration(
 def restitution(
     rows: Sequence[ConstraintRow], timestep: float, speeds: Floats, phases: int, duration: float
 ) -> Floats:
-    """e under MuJoCo's Euler step, v+ = v - h a, x+ = x + h v+; shape (speeds, phases), NaN if
-    still closed.
+    """Simulate impacts on rows without gravity, by MuJoCo's Euler step v+ = v - h a, x+ = x + h v+:
+    e, (speeds, phases), NaN for a contact that has not ended.
 
-    rows: one or more, per unit mass. timestep: h, s.
-    speeds: m/s, shape (n,).
-    phases: number of places in a step where the contact starts, evenly.
-    duration: of the contact at most, s. Without gravity.
+    rows: one or more, per unit mass. timestep: h, s. speeds: at touch, m/s, (n,).
+    phases: number of places in a step where the contact starts, evenly spread.
+    duration: to simulate, s.
     """
     phase = (np.arange(phases) + 0.5) / phases
-    v_i, before = (grid.copy() for grid in np.meshgrid(speeds, phase, indexing="ij"))
+    v_i, before = np.meshgrid(speeds, phase, indexing="ij")
     x = -before * timestep * v_i
     v = v_i.copy()
     for _ in range(int(duration / timestep) + 2):
@@ -346,7 +346,7 @@ class SoftConstraint:
     clamped: bool = True
 
     def impedance(self, x: float) -> float:
-        """d at penetration x (m): a power sigmoid from d0 to dwidth."""
+        """Impedance d at a penetration x, m: a power sigmoid from d0 at touch to dwidth."""
         d0, dw, width, midpoint, power = self._solimp()
         if width <= _MINVAL or d0 == dw:
             return 0.5 * (d0 + dw)
@@ -357,7 +357,9 @@ class SoftConstraint:
         return float(d0 + y * (dw - d0))
 
     def stiffness_damping(self) -> tuple[float, float]:
-        """(k, b), 1/s^2 and 1/s, of the push d (k d x + b v)."""
+        """k, 1/s², and b, 1/s, of the contact's push d (k d x + b v), d its impedance, as MuJoCo
+        computes them of solref in either format.
+        """
         _, dw, _, _, _ = self._solimp()
         first, second = self.solref
         if first > 0:
@@ -382,8 +384,8 @@ class SoftConstraint:
 
     @property
     def is_impulse(self) -> bool:
-        """True if one step takes the whole impact: damping that reverses
-        the body, hardly any spring.
+        """True if the contact reverses a body within one step: its damping is strong enough, and it
+        has hardly any spring.
         """
         first, second = self.solref
         if first > 0:
@@ -406,8 +408,8 @@ class SoftConstraint:
         return width > _MINVAL and power > MAX_POWER and math.pow(max(low, 0.0), power - 1) == 0.0
 
     def restitution(self, speed: float) -> float:
-        """e at an impact speed, m/s, in continuous time; of an impulse
-        setting the D h - 1 of its step.
+        """e at an impact speed, m/s, in continuous time; for a contact that reverses the body within
+        one step, that of the step, D h - 1.
 
         NaN for a speed that is not above 0 and for a solimp whose sigmoid is NaN; 0 without a
         spring, or for a contact that does not end.
@@ -425,6 +427,7 @@ class SoftConstraint:
             return d * (k * d * x + b * v)
 
         lowest = max(1e-6, min(self.impedance(0.0), self.impedance(math.inf)))
+        # Many times what the spring takes to turn the body round, or the damper to let it out.
         longest = _LONGEST * (1 / (math.sqrt(k) * lowest) + b / k)
         return max(0.0, parting_speed(push, speed, 1e-3 / (math.sqrt(k) + b), longest)) / speed
 

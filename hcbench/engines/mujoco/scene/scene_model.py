@@ -56,9 +56,9 @@ class SceneModel:
 
 
 def load(scene: Scene, timestep: float, options: Options) -> SceneModel:
-    """A scene under a setting, compiled and checked.
+    """Compile a scene under a setting, and check that the model is what the scene says.
 
-    timestep: s.
+    timestep: s. options: the setting's.
 
     Raises SettingError for friction or adhesion in a cup, SceneError for a model that is not what
     the scene says, EngineMissing where the installed MuJoCo is too old for the setting.
@@ -107,11 +107,11 @@ def _require_features(mujoco: Any, options: Options) -> None:
 
 
 def _check_touch(mujoco: Any, model: Any, joint: int, scene: Scene, options: Options) -> None:
-    """Require that ball and plate just touch at qpos0, with the scene's radii: a ball lowered by
-    _OVERLAP must be so deep in the plate.
+    """Raise SceneError unless ball and plate just touch at qpos0, with the scene's radii: the ball,
+    lowered by _OVERLAP m, must be as deep in the plate.
 
     mujoco: the module. joint: number of the ball's free joint. options: of the setting; the first
-    row of a cup begins at its onset. Raises SceneError where they do not just touch.
+    row of a cup begins at its onset.
     """
     data = mujoco.MjData(model)
     data.qpos[int(model.jnt_qposadr[joint]) + 2] -= _OVERLAP
@@ -129,11 +129,10 @@ def _check_touch(mujoco: Any, model: Any, joint: int, scene: Scene, options: Opt
 
 
 def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
-    """Require that off the plate only gravity acts on the ball: what else changes its momentum
-    would pass for contact.
+    """Raise SceneError if anything but gravity acts on the ball off the plate: what else changes its
+    momentum would be taken for the contact.
 
-    mujoco: the module. joint: number of the ball's free joint. Raises SceneError where something
-    else does.
+    mujoco: the module. joint: number of the ball's free joint.
     """
     path = str(model_path(scene))
     body = int(model.jnt_bodyid[joint])
@@ -147,12 +146,12 @@ def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
     data.xfrc_applied[body, 2] = pushed
     mujoco.mj_forward(model, data)
     expected = np.array([0.0, 0.0, _PUSHED - scene.gravity, 0.0, 0.0, 0.0])
-    off = np.abs(data.qacc[dof : dof + 6] - expected).max()
-    if not off <= _FREELY * (_PUSHED + scene.gravity):
+    error = np.abs(data.qacc[dof : dof + 6] - expected).max()
+    if not error <= _FREELY * (_PUSHED + scene.gravity):
         raise SceneError(
             path,
             f"off the plate, at {_THROWN:g} m/s and under {pushed:.6g} N, the ball's acceleration is wrong"
-            f" by {off:.3g}",
+            f" by {error:.3g}",
             "only gravity to act on it there",
             "Look for damping, armature, springs, frictionloss, gravcomp, air, a disabled gravity, or"
             " bodies fixed to it",
@@ -160,7 +159,7 @@ def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
 
 
 def _find_ball(mujoco: Any, model: Any, scene: Scene) -> int:
-    """Number of the free joint of the body `ball`, after checks of this body.
+    """Check the body `ball` of a model, and return the number of its free joint.
 
     mujoco: the module. Raises SceneError where the body is not on a free joint, not the scene's
     sphere, not centred on its geom or not as heavy as the scene says.
@@ -192,12 +191,10 @@ def _find_ball(mujoco: Any, model: Any, scene: Scene) -> int:
 
 
 def _check_radius(mujoco: Any, model: Any, geom: int, scene: Scene) -> None:
-    """Require that the ball is the sphere that the scene says: a smaller one that
-    touches would pass for it else.
+    """Raise SceneError unless the ball is a sphere of the radius that the scene says; the check of
+    the touch alone would let one of another radius pass.
 
     geom: number of the ball's. On a plane it has the scene's relative radius.
-
-    Raises SceneError for another shape or radius.
     """
     path = str(model_path(scene))
     what = "R1"
@@ -214,9 +211,10 @@ def _check_radius(mujoco: Any, model: Any, geom: int, scene: Scene) -> None:
 
 
 def _overlap(mujoco: Any, model: Any, data: Any, scene: Scene) -> float:
-    """Depth of the ball in the plate as MuJoCo sees it, m: from radii, frames and qpos0 together.
+    """Depth of the ball in the plate as MuJoCo sees it, m; in a cup, how far the tendon `contact` is
+    beyond its limit.
 
-    data: MjData after mj_forward. In a cup it is how far the tendon `contact` is beyond its limit.
+    data: MjData after mj_forward.
 
     Raises SceneError where ball and plate, or the limit of a cup, are missing.
     """

@@ -49,10 +49,9 @@ class LentScene(NamedTuple):
 
 
 def load_scene(xml: str, contact: bool) -> LentScene:
-    """A scene of a ball with a free joint, compiled by MuJoCo.
+    """Compile a scene of a ball with a free joint for an engine that steps MuJoCo's models.
 
-    xml: its MJCF.
-    contact: false to let bodies pass through each other.
+    xml: its MJCF. contact: false to let bodies pass through each other.
     """
     mujoco = backend()
     model = mujoco.MjModel.from_xml_string(xml)
@@ -70,15 +69,15 @@ def differences(
     geoms: Sequence[int] = (),
     rows: Rows = (),
 ) -> list[Suspect]:
-    """Suspect the settings of a model that an engine, or the bits of its numbers, turn into another
-    contact.
+    """Suspect what in a MuJoCo model is another contact in an engine that steps such models, by what
+    the engine lacks or by its shorter numbers.
 
     bits: of the engine's numbers, 32 or 64.
-    geoms: whose <pair>s are looked at; (): all of the model.
+    geoms: numbers of those whose <pair>s are looked at; (): all of the model.
     rows: (solref, solimp) of the contact; (): those of every <pair> and geom of the model.
     """
-    asked = np.isin(model.pair_geom1, geoms) & np.isin(model.pair_geom2, geoms)
-    pairs = np.flatnonzero(asked | (not geoms))
+    is_asked = np.isin(model.pair_geom1, geoms) & np.isin(model.pair_geom2, geoms)
+    pairs = np.flatnonzero(is_asked | (not geoms))
     if not rows:
         solrefs = np.concatenate([model.pair_solref, model.geom_solref])
         rows = list(
@@ -91,9 +90,9 @@ def differences(
 
 
 def _adhesion(model: Any, engine: SharedModelEngine, pairs: Any) -> Iterator[Suspect]:
-    """Suspect an engine that drops adhesion, N, of these <pair>s.
+    """Suspect an engine that ignores the adhesion of <pair>s; at most one suspect.
 
-    pairs: their numbers.
+    pairs: numbers of the <pair>s that are looked at.
     """
     adhesion = getattr(model, "pair_adhesion", np.zeros(model.npair))[pairs]
     if ADHESION in engine.lacks and adhesion.any():
@@ -140,9 +139,10 @@ def _hold_adhesion(model: Any, pairs: Sequence[int], enough: float) -> None:
 
 
 def _several(model: Any, engine: SharedModelEngine, pairs: Any) -> Iterator[Suspect]:
-    """Suspect an engine that keeps one of several <pair>s of two geoms.
+    """Suspect an engine that keeps only one of several <pair>s of the same two geoms; at most one
+    suspect, for the two geoms with most.
 
-    pairs: their numbers.
+    pairs: numbers of the <pair>s that are looked at.
     """
     if PAIRS not in engine.lacks:
         return

@@ -51,7 +51,8 @@ _ROUND_OFF = ROUND_OFF_STEP * np.finfo(float).eps
 
 
 def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:
-    """MuJoCo's full states at release, (b, nstate): above the touch by each launch's clearance.
+    """MuJoCo's full states of a scene's ball at the release of each launch, (b, nstate): it is above
+    the touch by the launch's clearance, and moves with its velocity.
 
     launches: b of them. Raises SettingError for a height that a cup has no room for.
     """
@@ -66,6 +67,7 @@ def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:
         )
     states = np.tile(model.origin, (len(gaps), 1))
     position, velocity = model.at
+    # Unit vector away from the plate.
     away = np.array(model.scene.normal)
     states[:, position : position + 3] += model.scene.touch_offset + np.outer(gaps, away)
     states[:, velocity : velocity + 3] = np.outer(-sent.speed, away)
@@ -100,15 +102,16 @@ def record(
     warm: Floats | None = None,
     oblique: bool = False,
 ) -> tuple[Floats, Floats] | None:
-    """Take up to `most` steps from states of shape (b, nstate), as many as there is room for.
+    """Step b balls from their states, and read each step.
 
+    states: (b, nstate). most: of steps to take; fewer where the workspace has no room for more.
     workspace: of a batch; its buffer is overwritten.
     warm: accelerations from which MuJoCo's solver starts, (nv,); None: from those without contact.
-    oblique: look along the plate too.
+    oblique: read the motion along the plate, too.
 
-    Returns (what is seen of n steps, (3 or 11, b, n): penetration (m), rate (m/s), force (N), and
-    along the plate the eight rows of `_along_plate`, NaN from where MuJoCo gave up; the states
-    after, (b, nstate)). None where it gave up on a whole batch, for the sake of one ball in it.
+    Returns what n steps show, (3 or 11, b, n): penetration (m), rate (m/s) and force (N), then the
+    eight rows of `Record.tangential`, NaN from where MuJoCo gave up; and the states after them, (b,
+    nstate). Returns None where MuJoCo gave up on a whole batch, because of one ball in it.
     """
     batch = workspace.batch
     packed = workspace.batch.pack(states)
@@ -169,7 +172,8 @@ class _Paths:
     def state(self, kind: int, i: int) -> Floats:
         """One number of each ball's state before the first step and after each, (b, n + 1), SI.
 
-        kind, i: 0 and 0 ... 6 for positions, 1 and 0 ... 5 for velocities.
+        kind, i: _POSITION and 0 ... 6 for the position and quaternion, or _VELOCITY and 0 ... 5 for
+        the velocity and spin.
         """
         values = np.empty((len(self.start), self.path.shape[1] + 1))
         values[:, 0], after = self.around(kind, i)
@@ -201,6 +205,8 @@ def _on_plane(model: SceneModel, paths: _Paths) -> Floats:
 
     Penetration and rate are those at the step's start; penetration is how far the centre is below
     where it touches.
+
+    paths: states and sensors of b balls before the steps and after each of n.
     """
     start_z, z = paths.around(_POSITION, 2)
     start_vz, vz = paths.around(_VELOCITY, 2)
@@ -229,17 +235,18 @@ def _on_plane(model: SceneModel, paths: _Paths) -> Floats:
 
 
 def _along_plate(model: SceneModel, paths: _Paths) -> Floats:
-    """Motion along the plate at each step's start, (8, b, n): slip 2 m/s, spin 3 rad/s, friction 2
-    N, other energy J.
+    """Motion of the balls along the plate at each step's start, (8, b, n): slip (2, m/s), spin (3,
+    rad/s), friction (2, N), and the kinetic energy without that of the approach (J).
 
-    MuJoCo gives the spin of a free body in the body's own frame.
+    paths: states and sensors of b balls before the steps and after each of n.
     """
     velocity = paths.vector(_VELOCITY, 0)  # (b, n + 1, 3)
     quaternion = paths.vector(_POSITION, 3, 4)[:, :-1]  # w x y z
     body_spin = paths.vector(_VELOCITY, 3)[:, :-1]
     scalar = quaternion[..., :1]
     axis = quaternion[..., 1:]
-    # q s q* of a unit quaternion q = (scalar, axis).
+    # MuJoCo has the spin in the body's own frame: in the world it is q s q*, of the unit quaternion
+    # q = (scalar, axis).
     spin = body_spin + 2.0 * np.cross(axis, np.cross(axis, body_spin) + scalar * body_spin)
     gained = np.diff(velocity, axis=1) / model.timestep + [0.0, 0.0, model.scene.gravity]
     if model.clearance is None:
@@ -251,10 +258,11 @@ def _along_plate(model: SceneModel, paths: _Paths) -> Floats:
 
 
 def _from_centre(model: SceneModel, paths: _Paths, clearance: float) -> tuple[Floats, list[Floats]]:
-    """(distance of the ball's centre from that of the cup, m; unit vector from the cup's centre to
-    the ball's, by component) at each step's start; (b, n) each.
+    """Place of the balls in a cup at each step's start: the distance of their centre from that of
+    the cup, m, (b, n), and the unit vector from the cup's centre to theirs, its components (b, n).
 
-    clearance: |R2| - R1 of the cup, m.
+    paths: states and sensors of b balls before the steps and after each of n. clearance: |R2| - R1
+    of the cup, m.
     """
     touch = model.origin[model.at[0] : model.at[0] + 3]
     centre = touch + np.array([0.0, 0.0, clearance])
@@ -266,12 +274,16 @@ def _from_centre(model: SceneModel, paths: _Paths, clearance: float) -> tuple[Fl
 def _in_cup(model: SceneModel, paths: _Paths, clearance: float) -> Floats:
     """Penetration, m, its rate, m/s, and normal force, N, of each step, (3, b, n), in a cup.
 
-    Penetration is how far the centre is out of the sphere in which it is free: geometry, not what
-    MuJoCo reports.
-    clearance: |R2| - R1 of the cup, m, the radius of that sphere.
+    Penetration is how far a ball's centre is out of the sphere in which it is free: geometry, not
+    what MuJoCo reports.
+
+    paths: states and sensors of b balls before the steps and after each of n. clearance: |R2| - R1
+    of the cup, m, the radius of that sphere.
     """
     distance, deeper = _from_centre(model, paths, clearance)
-    vx, vy, vz = (paths.state(_VELOCITY, i) for i in range(3))
+    vx = paths.state(_VELOCITY, 0)
+    vy = paths.state(_VELOCITY, 1)
+    vz = paths.state(_VELOCITY, 2)
 
     def along(vector: list[Floats]) -> Floats:
         return np.asarray(deeper[0] * vector[0] + deeper[1] * vector[1] + deeper[2] * vector[2])
@@ -291,12 +303,12 @@ def _in_cup(model: SceneModel, paths: _Paths, clearance: float) -> Floats:
 def _force(
     model: SceneModel, gained: Floats, speed: tuple[Floats, Floats], sensed: Floats | None
 ) -> Floats:
-    """Normal force of each step, N, shape (b, n); exactly 0 where the contact did not act.
+    """Normal force of each step by the change of momentum, N, (b, n); exactly 0 where the change is
+    not more than round-off, so that the contact did not act.
 
-    gained: what the contact adds to the velocity that parts the bodies, m/s, (b, n), to be
-    overwritten.
-    speed: the velocity, of either sign, or the sum of its absolute components, before each step,
-    (b, n), and after the last one, (b,).
+    gained: velocity apart that the contact adds in each step, m/s, (b, n); overwritten.
+    speed: the velocity, of either sign, or the sum of its absolute components, by which round-off
+    is judged: before each step, (b, n), and after the last one, (b,), m/s.
     sensed: acceleration by contact at the step's start, m/s², (b, n), under RK4; else None.
     """
     h = model.timestep
@@ -304,9 +316,10 @@ def _force(
     before = speed[0].ravel()
     last = speed[1]
     fastest = max(-before.min(), before.max(), np.abs(last).max())
-    # Rounding is worked out where it can matter.
+    # Round-off is computed only for changes so small that they may be no more than that.
     near = np.flatnonzero(np.abs(gained) <= (fastest + fastest + g * h) * _ROUND_OFF)
     ball, step = np.divmod(near, gained.shape[1])
+    # The speed after a step is that before the next. Counted from the end, no index is out of range.
     after = np.where(step + 1 < gained.shape[1], before[near + 1 - before.size], last[ball])
     noise = np.abs(before[near]) + np.abs(after) + g * h
     noise *= _ROUND_OFF
@@ -380,7 +393,8 @@ class BatchPool:
 
     @classmethod
     def of(cls, model: SceneModel) -> BatchPool:
-        """A pool without batches yet, for balls that share models as far as they keep their bits.
+        """Make a pool for a scene's balls, without any batches yet: it decides how many balls may
+        share a model without a change of their bits, and how many threads step models.
 
         Changes the model: its solver starts each step from scratch from now on.
         """
@@ -404,7 +418,7 @@ class BatchPool:
         return BatchedModel(self.model.model, 1, self.model.at, sliding=False)
 
     def batch(self, size: int) -> BatchedModel:
-        """The compiled model of `size` balls; compiled once."""
+        """The compiled model of `size` balls; it is compiled when it is first asked for, and kept."""
         if size not in self.batches:
             one = size == 1 and not self.sliding
             self.batches[size] = (
@@ -414,8 +428,8 @@ class BatchPool:
 
     @contextmanager
     def workspace(self, batch: BatchedModel) -> Iterator[Workspace]:
-        """Memory in which a batch is stepped, for one user at a time; kept for the next one, but
-        that of a model that is not one of the pool's batches.
+        """Lend memory in which a batch is stepped, to one user at a time; it is kept for the next
+        one, unless the batch is not one of the pool's.
         """
         if batch is not self.batches.get(batch.size):
             yield Workspace.of(self.model, batch, 1, BATCHING.chunk_bytes)
@@ -429,8 +443,8 @@ class BatchPool:
         free.append(workspace)
 
     def is_worth_batching(self, size: int, ball_steps: int) -> bool:
-        """Say whether these steps, with those before them, are worth a model of `size` balls that
-        is to be compiled. Counts the steps.
+        """Say whether a model of `size` balls would save more time than it takes to compile, by the
+        steps that it would have had until now and those to come; and add the latter to the count.
 
         ball_steps: steps that are still to come, times the balls that take them.
         """
@@ -440,11 +454,12 @@ class BatchPool:
         return self.unbatched[size] * BATCHING.saved > BATCHING.compiling
 
     def size_for(self, balls: int, now: int, steps: int) -> int:
-        """Number of balls in a model for `balls` launches and about `steps` more steps.
+        """Choose how many balls a model has for launches that are under way.
 
-        now: balls in a model until now, 0 at release. The number changes only where the time that
-        it saves is worth compiling another model; a few launches left of many go on alone. No
-        number changes a bit of the results.
+        balls: launches that are left. now: balls in a model until now, 0 at release. steps: that are
+        probably still to come. The number changes only where the time that it saves is worth
+        compiling another model; a few launches left of many go on alone. No number changes a bit of
+        the results.
         """
         # Several models are stepped at once.
         for_each_thread = math.ceil(balls / self.threads)
@@ -544,7 +559,10 @@ class MujocoSimulation(Simulation):
             self._alone = True
 
     def _next_batch(self, steps: int) -> BatchedModel:
-        """The batch for the coming steps: its size follows how many launches are left."""
+        """The model for the coming steps, with as many balls as suit the launches that are left.
+
+        steps: that are asked for.
+        """
         if self._leaves_axis:
             return self._pool.whole()
         if self._alone:
@@ -576,7 +594,7 @@ class FollowedLaunch(Simulation):
         self._states = states_at_release(model, [launch])
 
     def advance(self, steps: int) -> Record:
-        """Up to `steps` steps, as many as there is room for."""
+        """Take up to `steps` steps, as many as there is room for, and return their record."""
         # An unbroken run would start its next step from here.
         warm = self._workspace.data[0].qacc_warmstart.copy()
         recorded = record(self._model, self._workspace, self._states, steps, warm)

@@ -184,11 +184,12 @@ class BulletBody:
         return rotate(quaternion, self.joints[joint][AXIS])
 
     def response(self, link: int, point: Vector, direction: Vector) -> Response | None:
-        """(reach, acceleration) of each degree of freedom by a unit force; None for a fixed body.
+        """Response of the body to a unit force on a link: J, by which the force reaches each degree
+        of freedom, and the acceleration M^-1 J^T of each; None for a fixed body.
 
-        link: on which the force acts, -1 the base. point: m, and direction: unit vector, in the
-        world. Reach is J of the force, acceleration M^-1 J^T: 6 numbers of a free base, then those
-        of the joints. NaN where a joint's axis is unknown.
+        link: number, -1 the base. point: where the force acts, m, in the world. direction: of the
+        force, unit vector, in the world. The degrees of freedom are 6 of a free base, then those of
+        the joints. NaN where a joint's axis is unknown.
         """
         if self.kind == "fixed":
             return None
@@ -222,7 +223,9 @@ class JointTree:
     """
 
     def __init__(self, body: BulletBody) -> None:
-        """Read what does not change with the pose: inertias, joints' places, who carries whom."""
+        """Read what does not change with the pose: inertias, where each joint is in its link, and
+        which degrees of freedom move which links.
+        """
         self._body = body
         # True where the pose changed since Jacobians and masses were worked out.
         self.outdated = True
@@ -272,7 +275,7 @@ class JointTree:
             twists += _base_twists(body.position)
         for joint, state, pivot in zip(body.joints, states, self._pivots, strict=True):
             twists += _joint_twists(joint, state[_CENTRE], state[_QUATERNION], pivot)
-        # (freedoms, 3) each.
+        # Of each degree of freedom, spin and velocity at the world's origin: (freedoms, 3) each.
         self._w, self._v = np.array(twists, dtype=float).transpose(1, 0, 2)
         centres = [body.position]
         quaternions = [body.quaternion]
@@ -301,10 +304,12 @@ def _base_twists(centre: Sequence[float]) -> list[tuple[Any, Any]]:
 def _joint_twists(
     joint: Any, centre: Sequence[float], quaternion: Sequence[float], pivot: Vector
 ) -> list[tuple[Any, Any]]:
-    """(w, v) of each degree of freedom of a joint: spin, and velocity at the world's origin.
+    """Twists of the degrees of freedom of a joint, in the world: for each the spin w and the velocity
+    v at the world's origin of the links that it moves, at a rate of 1.
 
-    centre (m), quaternion (x, y, z, w): of its link's centre of mass frame; pivot: the joint's
-    origin in that frame, m. NaN for a planar joint, whose axis PyBullet does not return.
+    joint: PyBullet's info. centre (m), quaternion (x, y, z, w): of its link's frame at the centre
+    of mass. pivot: the joint's origin in that frame, m. NaN for a planar joint, whose axis PyBullet
+    does not return.
     """
     kind = joint[JOINT_TYPE]
     if kind == FIXED:
@@ -345,11 +350,11 @@ class ContactRow:
         J M^-1 J'^T, over the bodies that the two rows share: 0 if they share none.
         """
         total = 0.0
-        for i, mine in enumerate(self.bodies):
-            for j, its in enumerate(other.bodies):
+        for i, own_body in enumerate(self.bodies):
+            for j, other_body in enumerate(other.bodies):
                 response = self.responses[i]
                 push = other.responses[j]
-                if mine is not its or response is None or push is None:
+                if own_body is not other_body or response is None or push is None:
                     continue
                 reach, _ = response
                 _, accelerations = push
@@ -370,17 +375,21 @@ class ContactRow:
 def contact_row(
     first: tuple[BulletBody, int], second: tuple[BulletBody, int], point: Vector, direction: Vector
 ) -> ContactRow:
-    """The row of two parts that touch, for forces along a direction.
+    """Responses of two bodies to a unit force at the point where they touch, as a `ContactRow`:
+    from them follow their effective mass along the direction, and how one contact moves another.
 
-    first, second: (body, link) each, link -1 the base. point: where they touch, m, in the world.
-    direction: unit vector, in the world, of the force on the first. The response of the second is
-    to the same direction, not to the opposite, which `ContactRow.acceleration` accounts for.
+    first, second: (body, number of its link, -1 the base) each. point: where they touch, m, in the
+    world. direction: unit vector, in the world, of the force on the first. The response of the
+    second is to a force along the same direction; `ContactRow.acceleration` changes its sign.
     A response is None for a fixed body, and NaN where the axis of a joint is unknown.
     """
-    one, one_link = first
-    two, two_link = second
-    responses = one.response(one_link, point, direction), two.response(two_link, point, direction)
-    return ContactRow((one, two), responses)
+    first_body, first_link = first
+    second_body, second_link = second
+    responses = (
+        first_body.response(first_link, point, direction),
+        second_body.response(second_link, point, direction),
+    )
+    return ContactRow((first_body, second_body), responses)
 
 
 @dataclass(frozen=True, slots=True)
@@ -450,8 +459,8 @@ Mover = FreeBase | SlidingJoint | SwingingLink
 
 
 def mass_and_volumes(bullet: BulletClient, body: int) -> tuple[float, float, float]:
-    """(mass of a body with all its links, kg; volume of the boxes about each of them; of the box
-    about all, m³) in its present pose; without volumes where a box has no end.
+    """Mass of a body with all its links, kg, and two volumes in its present pose, m³: the sum of
+    those of the boxes about each link, and that of the box about all; 0 where a box has no end.
     """
     links = range(-1, bullet.getNumJoints(body))
     mass = sum(bullet.getDynamicsInfo(body, link)[MASS] for link in links)

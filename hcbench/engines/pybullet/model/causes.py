@@ -139,19 +139,20 @@ def apply_calls(bullet: BulletClient, calls: Sequence[Call]) -> None:
 def _fix_restitutions(
     sides: Sequence[BodyPart], values: Sequence[float]
 ) -> tuple[str, Callable[[BulletClient], None]]:
-    """A fix that sets the restitution of links; their springs stay, as a cause of their own.
+    """The fix that sets the restitution of links: text for the user, and a function that makes it in
+    a client. Springs of the links stay, as they are a cause of their own.
 
-    values: of each side. Returns (text for the user, change of a client).
+    sides: the links. values: the restitution of each.
     """
     return _fix(*(Call({"restitution": e}, side) for side, e in zip(sides, values, strict=True)))
 
 
 def without_spring(bullet: BulletClient, side: BodyPart) -> dict[str, float]:
-    """Keywords of changeDynamics that end the spring and damper of a link, which bend its restitution;
-    none for a link without them.
+    """Keywords of changeDynamics that take the spring and damper of a link away, which would change
+    its restitution; empty for a link without them.
 
-    PyBullet cannot unset them: a damper alone that does not yield is Bullet's rigid contact without
-    error reduction.
+    PyBullet cannot unset them. But a stiffness of 0 with a huge damping is Bullet's rigid contact,
+    without error reduction.
     """
     if not bullet.getDynamicsInfo(side.body, side.link)[STIFFNESS] > 0.0:
         return {}
@@ -159,7 +160,7 @@ def without_spring(bullet: BulletClient, side: BodyPart) -> dict[str, float]:
 
 
 def restitutions(bullet: BulletClient, place: BulletPlacement) -> tuple[float, float]:
-    """(restitution of the first, of the second) of the two links that meet.
+    """Restitutions that are set of the two links that meet, the moving one first.
 
     NaN for a body with maximal coordinates: PyBullet returns the value of an earlier query for it.
     """
@@ -176,7 +177,7 @@ def _restitution(info: Sequence[float]) -> float:
 
 
 def find_suspects(context: BulletContext) -> list[Suspect]:
-    """Everything that may matter here, likeliest first."""
+    """Suspects of all checks that may keep the pair from bouncing as asked, likeliest first."""
     checks = (
         _unset_restitutions,
         _restitution_product,
@@ -200,9 +201,9 @@ def what_distorts(context: BulletContext) -> list[Suspect]:
 
 
 def _unset_restitutions(c: BulletContext) -> Iterator[Suspect]:
-    """Suspect restitutions that are not set: the two multiply, and an unset one is 0.
-
-    Also one that a file has in another simulator's tag, which PyBullet does not read.
+    """Suspect restitutions that are not set, of one body or of both: Bullet multiplies the two, and
+    an unset one is 0. Also one that a file has in another simulator's tag, which PyBullet does not
+    read. Up to two suspects.
     """
     values = list(restitutions(c.bullet, c.place))
     if math.isnan(sum(values)):
@@ -275,8 +276,8 @@ def _restitution_product(c: BulletContext) -> Iterator[Suspect]:
 
 
 def _bullet_defaults(c: BulletContext) -> Iterator[Suspect]:
-    """Suspect Bullet's defaults that change a bounce; none of them can be
-    read back, so they are tried.
+    """Suspect five defaults of Bullet that change a bounce, whether they were changed or not: PyBullet
+    does not give these numbers back, so their fixes are tried.
     """
     if c.slowest <= _THRESHOLD:
         yield Suspect(
@@ -318,7 +319,9 @@ def _bullet_defaults(c: BulletContext) -> Iterator[Suspect]:
 
 
 def _solver(c: BulletContext) -> Iterator[Suspect]:
-    """Suspect a solver that stops before it has found the impulses; its threshold cannot be had."""
+    """Suspect a solver that stops before it has found the impulses, in any case: PyBullet does not
+    give its threshold back, so the fix is tried.
+    """
     iterations = int(c.bullet.getPhysicsEngineParameters()["numSolverIterations"])
     yield Suspect(
         "solver",
@@ -336,8 +339,9 @@ def _solver(c: BulletContext) -> Iterator[Suspect]:
 
 
 def _few_steps(c: BulletContext) -> Iterator[Suspect]:
-    """Suspect restitutions above 1 together; else, of a contact with a stiffness, which takes the
-    place of restitution, impacts that gain energy or last few steps.
+    """Suspect restitutions whose product is above 1; else, for a contact with a stiffness, which
+    takes the place of restitution, a step at which impacts gain energy or last few steps. At most
+    one suspect.
 
     c: the pair in its world, and the impacts to explain.
     """
@@ -385,9 +389,9 @@ def _joint_motor(c: BulletContext) -> Iterator[Suspect]:
 
 
 def _spin_clamp(c: BulletContext) -> Iterator[Suspect]:
-    """Suspect Bullet's limit of a body's velocity and spin, by component, which it does not report.
-
-    Where a launch's spin was lost before the impact, or a spin is at the limit.
+    """Suspect Bullet's limit of each component of a body's velocity and spin, which it applies
+    without a word, if a launch's spin was lost before the impact or a spin is at the limit; at most
+    one suspect.
     """
     for impact in c.impacts:
         along = impact.tangential
@@ -412,11 +416,11 @@ def _spin_clamp(c: BulletContext) -> Iterator[Suspect]:
 
 
 def speed_of_hops(timestep: float, gravity: float) -> float:
-    """Speed of the hops of a body at rest with a restitution, m/s, at most.
+    """The largest speed with which a body that has a restitution hops although it should rest, m/s.
 
-    timestep: h, s. gravity: g, m/s² along the normal. In each step gravity brings the body to the
-    plate at g h, and restitution throws it up again. With e it hops for ever at up to 2 g h/(1 +
-    e); the corners of a face that take turns are a little faster.
+    timestep: h, s. gravity: g along the normal, m/s². In each step gravity brings the body to the
+    plate at g h, and restitution throws it up again. So with e it hops for ever, at up to 2 g h/(1
+    + e); the corners of a face that hop in turn are a little faster.
     """
     return _HOPS * max(gravity, 0.0) * timestep
 
@@ -424,11 +428,11 @@ def speed_of_hops(timestep: float, gravity: float) -> float:
 def restitution_setting(
     place: BulletPlacement, springless: Sequence[Mapping[str, float]], e: float, still: float
 ) -> Suspect:
-    """All calls that give a pair this e, as one fix, in a suspect without a text of its own.
+    """All calls that give a pair this e, as the fix of a suspect without title and evidence.
 
     The first part gets e, the second 1: Bullet multiplies them.
-    springless: see `without_spring`, of the two parts. still: speed below which nothing bounces,
-    m/s.
+    springless: for each of the two parts the keywords that take away its spring and damper, {} for
+    none. still: speed below which nothing is to bounce, m/s.
     """
     first, second = ({"restitution": 1.0, **keywords} for keywords in springless)
     first["restitution"] = e
@@ -450,8 +454,10 @@ _SAME = 1e-6
 
 
 def promise_line(pair: Pair, promise: Promise) -> str:
-    """The call that keeps a promise for two bodies, variables of a script; "" for a target that a
-    text cannot say.
+    """The line of Python that keeps a promise in a world, as user data of the first body; "" for a
+    promise whose target a text cannot state.
+
+    pair: names of the variables that have the two bodies' ids.
     """
     if not promise.text:
         return ""
@@ -467,7 +473,7 @@ def promise_line(pair: Pair, promise: Promise) -> str:
 
 
 def promise_in(bullet: BulletClient, sides: tuple[BodyPart, BodyPart]) -> Promise | None:
-    """Read hcbench's promise for the two that meet; None without one."""
+    """Read the promise that `hcbench tune` wrote for two links, in either order; None without one."""
     for first, second in (sides, sides[::-1]):
         # A text sets whole bodies, by their base.
         number = bullet.getUserDataId(first.body, _key(str(second.body), second.link))
@@ -483,9 +489,10 @@ def _key(body: str, link: int) -> str:
 def broken_promise(
     bullet: BulletClient, promise: Promise, has_law: bool, gravity: Sequence[float]
 ) -> Iterator[Suspect]:
-    """Yield each difference by which the pair is no longer the one that was tuned.
+    """Yield a suspect for each difference between a pair and the one that `hcbench tune` wrote.
 
-    has_law: whether a law of the plug-in acts between the two now. gravity: (3,), m/s².
+    promise: what it wrote. has_law: whether a law of the plug-in acts between the two now. gravity:
+    m/s², (3,).
     """
     parameters = bullet.getPhysicsEngineParameters()
     is_plugin = not promise.rows

@@ -135,10 +135,11 @@ class WorldDropBench(DropBench):
         return seconds if drop in LASTING else min(seconds, _BRIEF_S)
 
     def _prepared(self) -> tuple[WorldOverFloor, Callable[[], None], str]:
-        """(the robot in its pose over its floor, what drives its joints, the drive in words); in a
-        forked copy, whose world it changes.
+        """Put the robot in its pose over its floor: the robot, the function that drives its joints
+        before each step, and a phrase of that. It changes the world, so it is called in a forked
+        copy.
 
-        Files have no motors of their own: theirs hold the pose. A world of the user's has.
+        Files have no motors: hcbench's hold the pose. A world of the user's has its own.
         """
         prepare(self.world, self._request)
         if self._apply is not None:
@@ -148,7 +149,7 @@ class WorldDropBench(DropBench):
         return over_floor, *drive_of("ctrl" if has_motors else "pd", over_floor)
 
     def _described(self) -> tuple[Robot, float]:
-        """The robot as results name it, and its mass, kg; in a forked copy."""
+        """Data of the robot for results, and its mass, kg. Called in a forked copy."""
         over_floor, _, controller = self._prepared()
         gx, gy, gz = (-over_floor.g * over_floor.up + 0.0).tolist()
         robot = Robot(
@@ -163,8 +164,10 @@ class WorldDropBench(DropBench):
         return robot, over_floor.mass
 
     def _landed(self, drop: RobotDrop, seconds: float, change: Change | None) -> Landed | None:
-        """Simulate and read one drop, `seconds` long; None where it diverges or kills its process, or
-        where the robot never touches the floor.
+        """Simulate one drop for `seconds` in a forked copy, and read how the robot lands; None where
+        the drop diverges or kills its process, or the robot never touches the floor.
+
+        change: made in the copy's world before; None: no change.
         """
 
         def dropped() -> Seen:
@@ -185,9 +188,11 @@ class WorldDropBench(DropBench):
 def _feet(
     world: LoadedWorld, pairs: Sequence[tuple[BodyPart, BodyPart]]
 ) -> tuple[int, tuple[int, ...]]:
-    """(body of the robot, its links that pairs name) of pairs of a robot with what is fixed.
+    """Find the robot of which some pairs name feet: the number of its body, and the links that the
+    pairs name, () if one names the whole body.
 
-    Raises UserError for pairs of none, or of several.
+    pairs: each of a part of the robot and of something fixed. Raises UserError for pairs of which
+    not one part has a free base, of several bodies, or of a body without moving joints.
     """
     bullet = world.bullet
     feet: dict[tuple[int, int], None] = {}
@@ -211,11 +216,12 @@ def _feet(
 def _drop(
     over_floor: WorldOverFloor, drive: Callable[[], None], drop: RobotDrop, seconds: float
 ) -> Seen:
-    """Drop the robot once, in a world that may be changed.
+    """Drop the robot once, in a world that may be changed, and read how it lands.
 
-    drive: called before each step. seconds: of the drop, s.
+    over_floor: the robot in its pose. drive: called before each step. seconds: to simulate.
     """
     h, g = over_floor.h, over_floor.g
+    # Quaternion x y z w of the tilt.
     sine = np.sin(drop.tilt / 2)
     turn = [*(sine * np.array(TILT_AXIS)).tolist(), float(np.cos(drop.tilt / 2))]
     lowest = over_floor.put(drop.height + raised_for(drop.phase, drop.height, g, h), turn)
@@ -236,7 +242,10 @@ class _DropPath:
     """
 
     def __init__(self, over_floor: WorldOverFloor) -> None:
-        """Read the inertias of the links."""
+        """Begin an empty record, and read the inertias of the links.
+
+        over_floor: the robot, put where its drop begins.
+        """
         self._over_floor = over_floor
         bullet, robot = over_floor.bullet, over_floor.robot
         every = [*over_floor.links, -1]
@@ -268,7 +277,9 @@ class _DropPath:
         self.points = max(self.points, points)
 
     def _links(self) -> list[tuple[float, ...]]:
-        """Centre, quaternion, velocity and spin of each link, 13 numbers, and last of the base."""
+        """Centre, quaternion x y z w, velocity and spin of each link, 13 numbers, and last those of
+        the base; SI, in the world.
+        """
         over_floor = self._over_floor
         bullet, robot = over_floor.bullet, over_floor.robot
         states: Any = ()
@@ -285,7 +296,9 @@ class _DropPath:
         return rows
 
     def motion(self) -> DropMotion:
-        """The motion that was recorded. Motors store no energy: the links alone have some."""
+        """The recorded motion of n steps, SI: centre of mass, velocity, force and depth at the floor,
+        and energy of the links; motors store no energy.
+        """
         rows = np.array(self._rows)
         centres = rows[..., :_TO_CENTRE]
         velocities = rows[..., _TO_QUATERNION:_TO_VELOCITY]

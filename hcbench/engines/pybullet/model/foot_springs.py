@@ -91,15 +91,18 @@ class LinkSearch(ReboundSearch[FootSpring]):
         damping = float(f"{2.0 * spring.damping * spring.frequency * mass:.5g}")
         settings = {"contactStiffness": stiffness, "contactDamping": damping}
         world = self._robot.world
-        sides = [
-            BodyPart(world.name_of(self._robot.number), self._robot.number, link)
-            for link in self.feet
-        ]
-        return [*(Call(settings, side) for side in sides), *_without_springs(world)]
+        number = self._robot.number
+        calls = []
+        for link in self.feet:
+            foot = BodyPart(world.name_of(number), number, link)
+            calls.append(Call(settings, foot))
+        return [*calls, *_without_springs(world)]
 
 
 def _without_springs(world: LoadedWorld) -> Iterator[Call]:
-    """Calls that leave the feet's spring alone where what is fixed has one of its own."""
+    """Calls that make the springs of fixed links, which act in series with the feet's, so stiff that
+    only the feet's count; none for links without a spring.
+    """
     bullet = world.bullet
     for body in bullet.bodies():
         for link in range(-1, bullet.getNumJoints(body)):
@@ -115,7 +118,8 @@ def rebound_settings(
     before: DropTest,
     target: float,
 ) -> ReboundSettings:
-    """Settings of the feet for a rebound, found by drops; the search runs as they are asked for.
+    """Settings of a robot's feet with which its centre of mass rebounds to the target, found by
+    drops of the robot; each search runs as its settings are asked for.
 
     build: opens the world. requests: of the feet's pairs. before: the whole test of the world as it
     is. target: the rebound, m. Raises UserError for what cannot be dropped.

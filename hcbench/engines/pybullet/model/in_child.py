@@ -168,6 +168,10 @@ class _InPlace(Simulation):
     """A simulation of one launch in the world itself."""
 
     def __init__(self, bullet: BulletClient, release: Callable[[], Simulation]) -> None:
+        """Save the world's state, which `close` restores, and begin the launch by `release`.
+
+        Raises what `release` raises, with the world put back.
+        """
         self._bullet = bullet
         self._state = bullet.saveState()
         _forget_contacts(bullet, self._state)
@@ -217,7 +221,11 @@ class CopyOfWorld:
         return simulation
 
     def advance(self, simulation: _LaunchInCopy, launch: Launch | None, steps: int) -> Record:
-        """Take steps of the launch under way. launch: None where it has been released."""
+        """Let the copy take steps of the launch under way, and return their record.
+
+        simulation: that launch's. launch: it, to be released first; None where that is done. steps:
+        number of steps. Raises what the copy raises, EngineFailed if it dies.
+        """
         assert simulation is self._under_way, "a copy of a world has one launch at a time"
         if launch is not None and self._flew_off:
             self.close()
@@ -277,8 +285,9 @@ class LaunchesInPlace:
         self._simulation: Simulation | None = None
 
     def advance(self, request: tuple[Launch | None, int]) -> Record:
-        """Take steps of the launch under way. request: a launch to begin in its place, if any;
-        steps.
+        """Take steps of the launch under way, and return their record.
+
+        request: a launch to begin in place of the one under way, or None; and the number of steps.
         """
         launch, steps = request
         if launch is not None:
@@ -291,11 +300,11 @@ class LaunchesInPlace:
 
 
 def keeps_nothing(bullet: BulletClient) -> bool:
-    """Say whether a world that is put back is as it was, to the bit: that of two bodies without
-    joints.
+    """Say whether a world, put back to a saved state, goes on as it did before, to the bit: one of two
+    bodies without joints, and without substeps.
 
-    Of joints restoreState does not give back all, of more bodies it does not give back the order
-    of their contacts, and with substeps Bullet carries a rest of time from step to step.
+    restoreState does not give back all of joints, nor the order of contacts of more bodies, and
+    with substeps Bullet carries a rest of time from step to step.
     """
     bodies = bullet.bodies()
     if len(bodies) > _PAIR or any(bullet.getNumJoints(body) for body in bodies):
@@ -304,8 +313,10 @@ def keeps_nothing(bullet: BulletClient) -> bool:
 
 
 def _forget_contacts(bullet: BulletClient, state: int) -> None:
-    """Restore a state without the contacts that there are now: Bullet
-    drops those of bodies far apart.
+    """Restore a saved state without the contacts that Bullet has now and would go on with: bodies are
+    put far apart for a moment, and so lose their contacts.
+
+    state: id that saveState gave.
     """
     for i, body in enumerate(bullet.bodies(), start=1):
         bullet.resetBasePositionAndOrientation(

@@ -61,8 +61,8 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
         raise UserError("model", got, "files, or a client by pybullet.DIRECT")
 
     def prepared() -> tuple[_DropBench, Callable[[], None], str]:
-        """(the robot in its pose over its floor, what drives its joints, the drive in words); in a
-        forked copy, whose world it changes.
+        """Put the robot in its pose over its floor: the robot, the function that drives its joints
+        before each step, and a phrase of that. Called in forked copies, whose world it changes.
         """
         prepare(world, request)
         bench = _DropBench(world)
@@ -92,6 +92,8 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
         )
 
     def dropped(height: float, tilt: float, phase: float) -> Landing:
+        """One landing, in a forked copy. height: m. tilt: rad. phase: of a step, 0 to 1."""
+
         def landing() -> Landing:
             bench, drive, _ = prepared()
             return bench.landing(height, tilt, drive, phase)
@@ -119,8 +121,8 @@ class _DropBench(WorldOverFloor):
         where nothing is below the robot or it meets nothing, EngineFailed for a velocity that is
         not finite.
         """
-        more = raised_for(phase, height, self.g, self.h)
-        self.put(height + more, tilt_about_y(tilt))
+        for_phase = raised_for(phase, height, self.g, self.h)
+        self.put(height + for_phase, tilt_about_y(tilt))
         return self._fall(height, tilt, drive)
 
     def _fall(self, height: float, tilt: float, drive: Callable[[], None]) -> Landing:
@@ -168,11 +170,12 @@ class _DropBench(WorldOverFloor):
         return Landing(height, tilt, -rising[0], speed_out, weight, fallen, time, pushed)
 
     def _tread(self, before: LinkMotion, time: float, feet: dict[int, FootfallLog]) -> float:
-        """Force of the floors on the robot in the step just taken, N upwards: of the contacts'
-        normal forces, as PyBullet tells no way of their friction.
+        """Read the contacts with the floors in the step just taken: add it to the logs of the feet,
+        and return the force on the robot, N upwards.
 
-        time: since the first touch, s. feet: {number of a link: its log}, to which force, slip and
-        depth are added.
+        before: motion of the links before the step. time: since the first touch, s. feet: logs by
+        the number of the link; changed. The force is that of the contacts' normals alone, as
+        PyBullet does not tell the direction of their friction.
         """
         # (force N, depth m, speed towards the floor, speed along it) of each point, by link.
         parts: dict[int, list[tuple[float, float, float, float]]] = {}

@@ -70,7 +70,8 @@ _NamedPart = tuple[str, str, tuple[int, int]]
 
 
 def list_pairs(world: LoadedWorld) -> list[CandidatePair]:
-    """Every pair of links of two bodies, one of which moves; those that touch come first.
+    """List every pair of links of two bodies of a world of which one moves; pairs that touch come
+    first.
 
     Soft bodies are left out: PyBullet does not report their contacts. Raises UserError for one file
     alone, which has nothing to meet.
@@ -79,8 +80,10 @@ def list_pairs(world: LoadedWorld) -> list[CandidatePair]:
     bodies = {number: BulletBody(bullet, number) for number in bullet.bodies()}
     links = []
     for number, body in bodies.items():
-        numbers = range(-1, len(body.joints))
-        links += [link for link in (_Link(number, each) for each in numbers) if _type(bullet, link)]
+        for index in range(-1, len(body.joints)):
+            link = _Link(number, index)
+            if _type(bullet, link):
+                links.append(link)
     pairs = []
     for one, two in combinations(links, 2):
         one_is_fixed = bodies[one.body].kind == "fixed"
@@ -98,7 +101,9 @@ def list_pairs(world: LoadedWorld) -> list[CandidatePair]:
 
 
 def alone_error(world: LoadedWorld) -> UserError:
-    """The error for one file, which has nothing to meet; it names PyBullet's own floor."""
+    """The error to raise for a world of one file, which has nothing to meet; it advises to add
+    PyBullet's own floor.
+    """
     floor = "plane.urdf"
     data = find_spec("pybullet_data")
     folders = data.submodule_search_locations if data else None
@@ -113,10 +118,11 @@ def alone_error(world: LoadedWorld) -> UserError:
 def _described(
     world: LoadedWorld, bodies: dict[int, BulletBody], first: _Link, second: _Link
 ) -> CandidatePair:
-    """A pair as a row of the list, in the world's present pose.
+    """Describe a pair of links in the world's present pose: names, shapes, effective mass (kg), signed
+    distance (m) and contact parameters.
 
-    bodies: by PyBullet's numbers.
-    first: one that moves. Mass (kg) and distance (m) are NaN where PyBullet finds no distance.
+    bodies: by PyBullet's numbers. first: one that moves. Mass and distance are NaN where PyBullet
+    finds no distance.
     """
     bullet = world.bullet
     pair = (first, second)
@@ -192,10 +198,10 @@ def _type(bullet: BulletClient, link: _Link) -> str:
 
 
 def _joint(body: BulletBody, link: int) -> str:
-    """Joints that let a link move, in words: "its free base", "its joints (...)" with the first six between
-    the base and it, or "nothing".
+    """Phrase of what lets a link move: "its free base", "its joints (...)" with up to six that it
+    hangs on, or "nothing".
 
-    link: -1 the base. A base of mass 0 is fixed in Bullet.
+    link: number, -1 the base. A base of mass 0 is fixed in Bullet.
     """
     if body.mass > 0.0:
         return "its free base"
@@ -210,33 +216,37 @@ def _joint(body: BulletBody, link: int) -> str:
 
 
 def find_pair(world: LoadedWorld, names: tuple[str, str] | None) -> tuple[BodyPart, BodyPart]:
-    """Find the two that meet: the world's own, or those of `names`, each a file, a body, or a link
-    ("body/link" where links share a name); without names, the world's only two bodies.
+    """Find the two parts of a world that are to meet: those that the user's World states; else those
+    of `names`; else the world's only two bodies.
 
-    Raises UserError for a choice, an unknown name, and one body twice.
+    names: of two parts, each a file, a body, or a link ("body/link" where links share a name); None
+    for none. Raises UserError for a world with a choice, an unknown name, and one body twice.
     """
     bullet = world.bullet
     if world.pair:
-        one, two = (_by_id(bullet, part) for part in world.pair)
-        return one, two
+        first, second = world.pair
+        return _by_id(bullet, first), _by_id(bullet, second)
     if names is None:
         numbers = bullet.bodies()
         if len(numbers) < 2:
             raise alone_error(world)
         if len(numbers) > 2:
             raise choice_error(list_pairs(world))
-        one, two = (
-            BodyPart(world.files.get(body, f"body:{body}"), body, ANY_LINK) for body in numbers
-        )
-        return one, two
+        return _whole_body(world, numbers[0]), _whole_body(world, numbers[1])
     parts = _named_parts(world)
-    found = (_by_name(parts, name) for name in names)
-    one, two = (replace(part, file=world.files.get(part.body, "")) for part in found)
+    one, two = _by_name(parts, names[0]), _by_name(parts, names[1])
+    one = replace(one, file=world.files.get(one.body, ""))
+    two = replace(two, file=world.files.get(two.body, ""))
     if one.body == two.body and (one.link == two.link or ANY_LINK in (one.link, two.link)):
         raise UserError(
             "pair", f"{one.name!r} and {two.name!r} are the same body", "two that can meet"
         )
     return one, two
+
+
+def _whole_body(world: LoadedWorld, body: int) -> BodyPart:
+    """Any link of a body, under the name of its file, or its number where it came from none."""
+    return BodyPart(world.files.get(body, f"body:{body}"), body, ANY_LINK)
 
 
 def _by_name(parts: list[_NamedPart], name: str) -> BodyPart:
@@ -271,9 +281,10 @@ def _by_id(bullet: BulletClient, part: int | tuple[int, int]) -> BodyPart:
 
 
 def _named_parts(world: LoadedWorld) -> list[_NamedPart]:
-    """(kind, name, (body, link)) of every name that a user may write, bodies first.
+    """All names by which a user may call a part of a world: (kind, name, (body, link)) of each, those
+    of bodies first.
 
-    A link's name alone counts only if no other link has it; with its body's before it, always.
+    A link's name alone counts only if no other link has it; together with its body's, always.
     """
     bullet = world.bullet
     bodies: list[_NamedPart] = []

@@ -90,7 +90,7 @@ class _Resting:
     """
 
     def __init__(self, pair: PairInWorld) -> None:
-        """Put the pair at touch, at rest, and step until it lies as it will."""
+        """Put the pair at touch without speed, and take as many steps as it needs to come to rest."""
         self.pair = pair
         self.bullet = pair.bullet
         self.place = pair.place
@@ -103,7 +103,9 @@ class _Resting:
             self.bullet.stepSimulation()
 
     def touch(self) -> _ContactAfterStep | None:
-        """The contact in the step just taken; None without one that pushes."""
+        """The contact of the pair in the step just taken: force, friction, depth and place, SI; None
+        where nothing pushes.
+        """
         first, second = self.place.first, self.place.second
         contacts = self.bullet.getContactPoints(first.body, second.body, first.link, second.link)
         normal = sum(contact[FORCE] for contact in contacts)
@@ -136,28 +138,29 @@ class _Resting:
                 )
 
     def pressed(self, times: float) -> BorneLoad:
-        """The pair under `times` its force at rest: force that the contact then bears, N, and its
-        penetration, m, over the last steps; NaN where it does not push.
+        """Press the resting pair together by `times` its force at rest: the force that the contact
+        then bears, N, and its penetration, m, over the last steps; NaN where it does not push.
         """
         touch = self.touch()
         if touch is None:
             return BorneLoad(times, math.nan, math.nan)
         steps = min(PRESSED_STEPS, round(PRESSED_S / self.timestep))
         last = max(1, round(LAST * steps))
-        more = (times - 1.0) * touch.normal * self.place.normal
+        added = (times - 1.0) * touch.normal * self.place.normal
         rows = []
         for _ in range(steps):
-            self.push(more, touch.point)
+            self.push(added, touch.point)
             self.bullet.stepSimulation()
             now = self.touch()
             rows.append((0.0, 0.0) if now is None else (now.normal, now.depth))
         return borne(times, touch.normal, np.array(rows[-last:]))
 
     def friction(self, way: Floats) -> float:
-        """Limit of friction over the normal force, along a way in the plate; NaN where nothing
-        pushes.
+        """The largest friction over the normal force along a direction in the plate; NaN where the
+        contact does not push.
 
-        way: unit vector, (3,). The pair is pushed along it by more than friction bears.
+        way: the direction, unit vector, (3,). The pair is pushed along it by more than friction
+        bears.
         """
         touch = self.touch()
         if touch is None:
@@ -173,10 +176,10 @@ class _Resting:
         return limit
 
     def on_slope(self, angle: float) -> Rest:
-        """Rest on a slope of an angle, rad; without a drift where the body rolls or has left the
-        plate.
+        """Let the pair rest on a slope, and measure how it does; the drift is NaN where the body rolls
+        or has left the plate.
 
-        Gravity is turned by the angle from the plate's normal, and stays so.
+        angle: of the slope, rad: gravity is turned by it from the plate's normal, and stays so.
         """
         bullet = self.bullet
         link = self.place.first.link
@@ -187,6 +190,8 @@ class _Resting:
         bullet.setGravity(*(np.linalg.norm(gravity) * down).tolist())
         for _ in range(self.steps // 2):
             bullet.stepSimulation()
+        # Of each step: position of the centre, m (3 columns), depth, m, force, N, and spin, rad/s
+        # (3 columns).
         rows = []
         touch = None
         for _ in range(self.steps - self.steps // 2):
@@ -199,20 +204,26 @@ class _Resting:
             rows.append([*centre, depth, force, *self.first.spin_of(link)])
         path = np.array(rows)
         position = path[:, :3]
+        depth_of_step = path[:, 3]
+        force_of_step = path[:, 4]
         height = position @ normal
         time = np.arange(float(len(path))) * self.timestep
         rate = np.gradient(height, self.timestep)
-        rest = rest_of(time, path[:, 3], rate, path[:, 4], position - np.outer(height, normal))
-        last = last_half(path)
-        if touch is None or not last_half(last)[:, 4].any():
+        sideways = position - np.outer(height, normal)
+        rest = rest_of(time, depth_of_step, rate, force_of_step, sideways)
+        # No force in the last quarter: the body has left the plate.
+        if touch is None or not last_half(last_half(force_of_step)).any():
             return replace(rest, drift=math.nan)
-        spin = float(np.linalg.norm(last[:, 5:].mean(axis=0)))
+        spin = float(np.linalg.norm(last_half(path[:, 5:]).mean(axis=0)))
         lever = float(np.linalg.norm(touch.point - position[-1]))
         return replace(rest, drift=creep_of(rest.drift, spin, lever))
 
 
 def carried_by(pair: PairInWorld) -> Carried:
-    """Loads that the pair carries where it rests; none where nothing holds the two together."""
+    """Measure what the contact of a pair carries at rest: multiples of its load, the limits of
+    friction, and the creep on a slope; nothing where nothing holds the two together, or they do not
+    come to rest.
+    """
 
     def tried(trial: Callable[[_Resting], Any]) -> Any:
         return pair.aside(lambda: trial(_Resting(pair)))
@@ -231,9 +242,10 @@ def carried_by(pair: PairInWorld) -> Carried:
 
 
 def standing(pair: PairInWorld, level: Rest | None) -> Standing:
-    """Measure how the pair of a world rests on a slope, and join it with its rest on the level.
+    """Measure how the pair of a world rests on a slope, and join that with its rest on the level.
 
-    What rolls down the slope has no drift.
+    level: None where the two do not rest: then all is unknown. The drift of what rolls down the
+    slope is NaN.
     """
     if level is None:
         return UNKNOWN

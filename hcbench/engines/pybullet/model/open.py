@@ -65,11 +65,13 @@ _NAMED = 3
 
 
 def check_urdf(path: Path, root: ET.Element) -> None:
-    """Refuse links and joints that make no tree, and shapes without a size.
+    """Refuse a robot of a URDF whose links and joints make no tree, or whose shapes lack a size.
 
-    path: of the file, for errors. root: its <robot>.
-    Links without a name, or with one twice, and joints of an unknown type make no tree. A size, m,
-    is a number above 0. Raises SceneError, and QuantityError for a size beyond its bounds.
+    Links without a name, or with the same name, and joints of an unknown type make no tree. A size
+    is one or more numbers above 0, m.
+
+    path: of the file, for errors. root: its <robot> element.
+    Raises SceneError, and QuantityError for a size beyond its bounds.
     """
     _check_tree(path, root)
     for link in root.iterfind("link"):
@@ -83,9 +85,11 @@ def check_urdf(path: Path, root: ET.Element) -> None:
 
 
 def _check_tree(path: Path, root: ET.Element) -> None:
-    """Refuse a URDF whose links are not one tree, each with a name of its own. Raises SceneError.
+    """Refuse a URDF whose links are not one tree, each with a name of its own.
 
-    path: of the file, for errors. root: its <robot>.
+    path: of the file, for errors. root: its <robot> element.
+    Raises SceneError for a link without a name or with another's, an unknown type of joint, a joint
+    between links that are not there, a link with two parents, two root links, and a circle.
     """
     names = [link.get("name", "") for link in root.iterfind("link")]
     if "" in names:
@@ -97,13 +101,15 @@ def _check_tree(path: Path, root: ET.Element) -> None:
             f"{path}: link", f"{_listed(repeated)} more than once", "a name for one link only"
         )
     known = set(names)
+    # Link -> the link that carries it by a joint.
     parent_of: dict[str, str] = {}
     for joint in root.iterfind("joint"):
         slot = f"{path}: joint {joint.get('name', '')!r}"
         kind = joint.get("type", "")
         if kind not in _JOINTS:
             raise SceneError(slot, f"type {kind!r}", f"one of: {', '.join(_JOINTS)}")
-        parent, child = (_end(slot, joint, end, known) for end in ("parent", "child"))
+        parent = _end(slot, joint, "parent", known)
+        child = _end(slot, joint, "child", known)
         if child in parent_of:
             got = f"link {child!r} is the child of {parent_of[child]!r} and of {parent!r}"
             raise SceneError(slot, got, "one parent for each link")
@@ -116,7 +122,11 @@ def _check_tree(path: Path, root: ET.Element) -> None:
 
 
 def _end(slot: str, joint: ET.Element, end: str, known: set[str]) -> str:
-    """The link at one end of a joint. Raises SceneError for one that the robot does not have."""
+    """Name of the link at one end of a joint.
+
+    slot: the joint, for the error. end: "parent" or "child". known: names of the robot's links.
+    Raises SceneError for a link that is not among them.
+    """
     element = joint.find(end)
     link = "" if element is None else element.get("link", "")
     if link not in known:
@@ -125,14 +135,15 @@ def _end(slot: str, joint: ET.Element, end: str, known: set[str]) -> str:
 
 
 def _check_circle(path: Path, names: list[str], parent_of: dict[str, str]) -> None:
-    """Refuse links that carry each other in a circle. Raises SceneError.
+    """Refuse links that carry each other in a circle, by SceneError.
 
     path: of the file, for the error. names: of all links. parent_of: link -> the link that carries
-    it.
+    it; a root link is not in it.
     """
     # Links from which the way to the root is known.
     reach_root: set[str] = set()
     for name in names:
+        # The links from this one up, in order.
         way: dict[str, None] = {}
         while name in parent_of and name not in reach_root:
             if name in way:
@@ -151,7 +162,7 @@ def _listed(names: list[str]) -> str:
 
 
 def _numbers(text: str | None) -> list[float]:
-    """The numbers of an attribute; [] where one is none."""
+    """The numbers of an attribute, with blanks between them; [] where a word is not a number."""
     try:
         return [float(word) for word in (text or "").split()]
     except ValueError:
@@ -159,10 +170,11 @@ def _numbers(text: str | None) -> list[float]:
 
 
 def _check_size(slot: str, attribute: str, text: str | None, count: int) -> None:
-    """Refuse a size that is not `count` numbers above 0, m.
+    """Refuse a size of a shape that is not `count` numbers above 0, m.
 
-    slot: the shape, for errors. text: of the attribute, None where it is missing. Raises
-    SceneError, QuantityError for numbers outside the bounds.
+    slot: the shape, for errors. attribute: name of the size. text: its value in the file; None
+    where it is missing.
+    Raises SceneError, and QuantityError for numbers outside the bounds of a length.
     """
     numbers = _numbers(text)
     if len(numbers) != count or not all(0.0 < number < math.inf for number in numbers):
@@ -177,7 +189,10 @@ def _check_size(slot: str, attribute: str, text: str | None, count: int) -> None
 
 
 def _check_scale(slot: str, text: str) -> None:
-    """Refuse a scale of a mesh that leaves it without a volume; a negative one mirrors it."""
+    """Refuse a scale of a mesh that leaves it without a volume, by SceneError.
+
+    slot: the mesh, for the error. text: 1 number, or 3; a negative one mirrors the mesh.
+    """
     numbers = _numbers(text)
     if len(numbers) not in (1, 3) or not all(
         number and math.isfinite(number) for number in numbers
@@ -191,10 +206,12 @@ _ROOTS = {".urdf": "robot", ".sdf": "sdf"}
 
 
 def check_ball(path: Path, scene: Scene) -> None:
-    """Refuse a scene's ball whose mass is not above 0, or that is a sphere of another radius.
+    """Refuse a ball's URDF with a mass that is not above 0, or a sphere of another radius than the
+    scene's.
 
-    path: of its URDF. Without a mass it passes: the scene's is set. Raises SceneError, also for a
-    file that cannot be read.
+    A file without a mass passes: the scene's mass is set when it is loaded.
+
+    path: of the URDF. Raises SceneError, also for a file that cannot be read.
     """
     root = _parse(path)
     for element in root.findall("link/inertial/mass"):
@@ -217,9 +234,9 @@ def check_ball(path: Path, scene: Scene) -> None:
 
 
 def check_plate(path: Path) -> None:
-    """Refuse a scene's plate without a mass of 0: Bullet would let it move. Raises SceneError.
+    """Refuse a plate's URDF without a mass of 0: Bullet would let the plate move.
 
-    path: of its URDF.
+    path: of the URDF. Raises SceneError, also for a file that cannot be read.
     """
     masses = _parse(path).findall("link/inertial/mass")
     expected = "0, which fixes it in Bullet"
@@ -230,11 +247,15 @@ def check_plate(path: Path) -> None:
 
 
 def check_user_model(path: Path) -> tuple[str, float] | None:
-    """Refuse what PyBullet would only print about. Returns a restitution that it would overlook:
-    the first (tag, e) outside <link><contact>, where other simulators have theirs.
+    """Refuse a file that PyBullet would read wrongly and only print about.
 
-    Raises SceneError for a file that is not there or not a URDF, SDF or MJCF, or that Bullet would
-    read wrongly; QuantityError for a size outside the bounds.
+    Returns the tag and the e, 0 to 1, of a restitution that PyBullet would overlook, as it stands
+    outside <link><contact>, where other simulators have theirs; None without one.
+
+    path: URDF, SDF or MJCF.
+    Raises SceneError for a file that is not there or not one of these, for entities, links that
+    make no tree, numbers that are none, and meshes that are not there; QuantityError for a size
+    outside the bounds.
     """
     if not path.is_file():
         raise SceneError("model", f"{path} {why_no_file(path)}", "a URDF, SDF or MJCF file")
@@ -268,7 +289,9 @@ def check_user_model(path: Path) -> tuple[str, float] | None:
 
 
 def _foreign_restitution(root: ET.Element) -> tuple[str, float] | None:
-    """(tag, e) of the first restitution from 0 to 1 outside <link><contact>; None without one."""
+    """Tag and e, 0 to 1, of the first restitution in a file that is outside <link><contact>, where
+    PyBullet does not look; None without one.
+    """
     read_by_bullet = {id(element) for element in root.iterfind(".//link/contact/restitution")}
     for element in root.iter():
         # The tag without its namespace.
@@ -302,10 +325,11 @@ def _parse(path: Path) -> ET.Element:
 def _check_number(
     path: Path, name: str, text: str | None, expected: str, is_good: Callable[[float], bool]
 ) -> None:
-    """Raise SceneError for a text that is not a number, or not one that is good.
+    """Raise SceneError for a value in a file that is missing, not a number, or not a good one.
 
-    path, name: where it is. text: None where it is missing. expected: in words. is_good: called
-    with the number, NaN for any other text.
+    path, name: the file and the value's name, for the error. text: the value; None where it is
+    missing. expected: a good value in words, for the error. is_good: called with the number, NaN
+    for any other text; returns whether it passes.
     """
     try:
         value = float(text or "")
@@ -349,8 +373,8 @@ class BodyPart:
 
     @property
     def variable(self) -> int | str:
-        """Variable for the body in a script: its file's name, numbered if
-        several came from one; or its id.
+        """Variable for the body in a script that hcbench prints: the name of its file without the
+        suffix, with a number if several bodies came from it; its id where that makes no name.
         """
         name = self.file or self.name
         stem, _, copy = name.partition(".")
@@ -408,6 +432,7 @@ def load_files(paths: Sequence[str], packages: Packages = ()) -> LoadedWorld:
         for path, restitution in zip(files, unread, strict=True):
             for body in _load(bullet, path, packages):
                 _require_readable(bullet, body, path)
+                # Bodies so far from a file of this name.
                 copies = sum(
                     Path(name).name.partition(" (")[0] == path.name for name in world.files.values()
                 )
@@ -416,16 +441,19 @@ def load_files(paths: Sequence[str], packages: Packages = ()) -> LoadedWorld:
                     world.files[body] += f" ({copies + 1})"
                 if restitution is not None:
                     world.unread[body] = restitution
+        # Nothing failed: the client stays open.
         failed.pop_all()
     return world
 
 
 def _load(bullet: BulletClient, path: Path, packages: Packages) -> list[int]:
-    """Load a file, and return the ids of its bodies.
+    """Load a URDF, SDF or MJCF file, and return the ids of its bodies.
 
-    Of a URDF that is not in UTF-8, or where packages were given, Bullet loads a copy in which files
-    have absolute paths. Raises SceneError with the package that has no folder, or with Bullet's
-    reason.
+    Bullet loads a copy of a URDF with absolute paths to its files, in UTF-8, where packages were
+    given or the URDF is in another encoding.
+
+    packages: folders of the packages that a URDF names.
+    Raises SceneError with the package that has no folder, or with Bullet's reason.
     """
     if path.suffix.lower() != ".urdf":
         return bullet.load_model(path)
@@ -445,7 +473,7 @@ def _load(bullet: BulletClient, path: Path, packages: Packages) -> list[int]:
 
 
 def _require_readable(bullet: BulletClient, body: int, path: Path) -> None:
-    """Refuse a robot with more joints than PyBullet reports the state of. Raises SceneError.
+    """Refuse a robot with more joints than PyBullet reports states of, by SceneError.
 
     body: its id. path: of its file, for the error.
     """
@@ -461,11 +489,11 @@ def _require_readable(bullet: BulletClient, body: int, path: Path) -> None:
 
 
 def open_live(source: Any, disconnect: bool) -> LoadedWorld:
-    """The world of a user's running client.
+    """Take up the world of a running PyBullet client of the user's, as a `LoadedWorld`.
 
     source: a `LiveWorld`, a client id, or a BulletClient of pybullet_utils; None: client 0.
-    disconnect: whether hcbench ends the client when it is done. Raises UserError for others, and
-    for a client that is not connected.
+    disconnect: whether hcbench ends the client when it is done.
+    Raises UserError for any other source, and for a client that is not connected.
     """
     world = source
     if source is None or isinstance(source, int):
@@ -497,7 +525,9 @@ _Joint = tuple[int, int]
 
 
 def joint_states(bullet: BulletClient) -> dict[_Joint, tuple[float, float]]:
-    """(position, velocity), rad or m and by s, of every hinge and slide, by (body, joint)."""
+    """Position and velocity of every hinge, rad and rad/s, and slide, m and m/s, of a world, by
+    (body, joint).
+    """
     states: dict[_Joint, tuple[float, float]] = {}
     for body in bullet.bodies():
         for joint in range(bullet.getNumJoints(body)):
@@ -509,7 +539,8 @@ def joint_states(bullet: BulletClient) -> dict[_Joint, tuple[float, float]]:
 
 
 def base_states(bullet: BulletClient, request: Request) -> list[tuple[int, Any, Any]]:
-    """(body, pose, velocities) of every body's base, as PyBullet returns them.
+    """State of every body's base: its id, then its position, m, and quaternion x y z w, then its
+    velocity, m/s, and spin, rad/s, as PyBullet returns these pairs.
 
     Empty where the request sets no pose: nothing then moves a base.
     """
@@ -524,11 +555,13 @@ def base_states(bullet: BulletClient, request: Request) -> list[tuple[int, Any, 
 
 
 def set_pose(world: LoadedWorld, request: Request) -> None:
-    """Set positions and switch motors off, where the request says so.
+    """Set the positions that a request names, and switch motors off where it says so.
 
-    Of a joint, by its name or as "file/name": one number, m or rad. Of a free base, as
-    `_free_base` finds it: x y z, m, and a quaternion w x y z, if given. Raises
-    UserError for other names and counts.
+    A joint, by its name or as "file/name", takes one number, m or rad. A free base, by the name of
+    its file or as "base", takes x y z, m, and a quaternion w x y z, if given.
+
+    request: its `pose` and `actuators` count here.
+    Raises UserError for a name that the world does not have, and for another count of numbers.
     """
     bullet = world.bullet
     joints = _named_joints(world)
@@ -551,8 +584,8 @@ def set_pose(world: LoadedWorld, request: Request) -> None:
 def _free_base(world: LoadedWorld, name: str) -> int | None:
     """Id of the body whose free base a name means; None without one.
 
-    name: of the body's file, without its suffix; "base": of the body with most joints, of several
-    the heaviest.
+    name: of the body's file, without its suffix; "base" means the free body with most joints, and
+    of several such the one with the heaviest base.
     """
     bullet = world.bullet
     masses = {body: bullet.getDynamicsInfo(body, -1)[MASS] for body in bullet.bodies()}
@@ -563,7 +596,7 @@ def _free_base(world: LoadedWorld, name: str) -> int | None:
             return body
     if name != "base":
         return None
-    # A robot is the body with joints; of several the heaviest.
+    # A robot is the body with most joints.
     return max(free, key=lambda body: (bullet.getNumJoints(body), masses[body]), default=None)
 
 
@@ -581,7 +614,7 @@ def _put_base(bullet: BulletClient, body: int, values: tuple[float, ...]) -> Non
 
 
 def _named_joints(world: LoadedWorld) -> dict[str, _Joint]:
-    """(body, joint) of each joint that moves, by "name", "body:ID/name" and "file/name".
+    """Each joint that can move, as (body, joint), by "name", "body:ID/name" and "file/name".
 
     A name that several joints have means the first body's.
     """
@@ -601,9 +634,8 @@ def _named_joints(world: LoadedWorld) -> dict[str, _Joint]:
 
 
 def require_joints_within_limits(bullet: BulletClient, body: int) -> None:
-    """Refuse a pose in which hinges or slides of a body are far outside their limits, by UserError.
-
-    More than 5 degrees or 1 mm.
+    """Refuse a pose in which hinges of a body are more than 5 degrees outside their limits, or
+    slides more than 1 mm, by UserError.
     """
     outside = []
     for joint in range(bullet.getNumJoints(body)):

@@ -35,8 +35,9 @@ CENTRE, QUATERNION, VELOCITY, SPIN = 0, 1, 6, 7
 
 
 class LinkMotion(NamedTuple):
-    """Centres of mass, m, velocities, m/s, and spins, rad/s, of the links, (n, 3) each; the base
-    last, as Python counts -1.
+    """Centres of mass, m, velocities, m/s, and spins, rad/s, of a robot's links, (n, 3) each.
+
+    The base comes last, so that the index -1, PyBullet's number of a base, finds it.
     """
 
     centres: Floats
@@ -44,7 +45,7 @@ class LinkMotion(NamedTuple):
     spins: Floats
 
     def at(self, link: int, point: Floats) -> Floats:
-        """Velocity of a link's material point, m/s."""
+        """Velocity of a link's material point, m/s, (3,). point: m, in the world."""
         lever = point - self.centres[link]
         return np.asarray(self.velocities[link] + np.cross(self.spins[link], lever))
 
@@ -95,7 +96,7 @@ class WorldOverFloor:
         self.up = -gravity / self.g
 
     def motion(self) -> LinkMotion:
-        """The present motion of the base and all links."""
+        """Read the present motion of the links of the robot and of its base."""
         bullet = self.bullet
         centre, _ = bullet.getBasePositionAndOrientation(self.robot)
         velocity, spin = bullet.getBaseVelocity(self.robot)
@@ -115,24 +116,24 @@ class WorldOverFloor:
         return float(self.masses @ motion.velocities @ self.up) / self.mass
 
     def put(self, height: float, turn: Sequence[float]) -> Floats:
-        """Put the robot at rest with its lowest point at a height over the floor, m; return that point,
-        m, (3,).
+        """Put the robot at rest with its lowest point at a height over the floor.
 
-        turn: quaternion x y z w by which its base is turned in the world. Raises UserError where
-        nothing is below the robot.
+        height: m. turn: quaternion x y z w by which its base is turned in the world, from its
+        present attitude. Returns the lowest point, m, (3,). Raises UserError where nothing is below
+        the robot.
         """
         bullet = self.bullet
         position, attitude = bullet.getBasePositionAndOrientation(self.robot)
         _, turned = bullet.multiplyTransforms([0, 0, 0], turn, [0, 0, 0], attitude)
 
         def lower(travel: float) -> None:
+            """Put the turned base `travel` m below where it stood."""
             place = np.array(position) - travel * self.up
             bullet.resetBasePositionAndOrientation(self.robot, place.tolist(), turned)
 
         def nearest(travel: float) -> Any:
-            """The point of getClosestPoints of the lowered robot that is nearest to the floor.
-
-            travel: by which it is lowered, m. Raises UserError where nothing is below it.
+            """The point of getClosestPoints nearest to a floor, with the robot lowered by `travel` m.
+            Raises UserError where nothing is below it.
             """
             lower(travel)
             points = []
@@ -143,6 +144,7 @@ class WorldOverFloor:
                 raise UserError("model", got, "a floor", "Give it as a second file")
             return min(points, key=lambda point: point[DISTANCE])
 
+        # Down to the floor, and up again by the height.
         travel = travel_by_distance(lambda by: float(nearest(by)[DISTANCE]), 1.0) - height
         lowest = np.array(nearest(travel)[POINT_A])
         bullet.resetBaseVelocity(self.robot, [0, 0, 0], [0, 0, 0])
@@ -150,8 +152,10 @@ class WorldOverFloor:
 
 
 def prepare(world: LoadedWorld, request: Request) -> None:
-    """Give a world the time step, s, gravity, m/s², and pose of a request. Raises UserError for a
-    keyframe, and for a pose that does not fit.
+    """Give a world the time step, s, gravity, m/s², and pose of a request.
+
+    Raises UserError for a keyframe, which PyBullet does not have, and for a pose that does not fit
+    the world.
     """
     if request.key is not None:
         raise UserError("key", repr(request.key), "no keyframe: PyBullet has none")
@@ -168,12 +172,14 @@ def tilt_about_y(angle: float) -> list[float]:
 
 
 def drive_of(controller: Any, over_floor: WorldOverFloor) -> tuple[Callable[[], None], str]:
-    """(function that drives the joints before each step, what holds them in words).
+    """Set up what holds a robot's joints while it lands: returns a function to call before each step,
+    and the drive in words.
 
-    "pd": position motors of PyBullet hold the pose, each with its joint's effort. "pd:KP,KD":
-    torques by these gains, N m/rad and N m s/rad. "ctrl": the motors as the world has them. A
-    function is called with the client's number and the robot's, and drives the motors itself.
-    Raises UserError for another controller.
+    controller: "pd": position motors of PyBullet hold the present pose, each with its joint's
+    effort; "pd:KP,KD": torques towards that pose by these gains, N m/rad and N m s/rad; "ctrl": the
+    motors as the world has them; or a function, called before each step with the numbers of the
+    client and of the robot, that drives the motors itself.
+    Raises UserError for another controller, QuantityError for a gain that is not a number from 0.
     """
     bullet = over_floor.bullet
     robot = over_floor.robot
@@ -196,10 +202,12 @@ def drive_of(controller: Any, over_floor: WorldOverFloor) -> tuple[Callable[[], 
             )
         return lambda: None, f"position motors hold {len(joints)} joints"
     kp, kd = _gains(controller)
+    # PyBullet's default motors would hold the joints beside the torques.
     for joint in joints:
         bullet.setJointMotorControl2(robot, joint, module.VELOCITY_CONTROL, force=0)
 
     def hold() -> None:
+        """Set the torques of the coming step."""
         for joint, angle in zip(joints, pose, strict=True):
             state = bullet.getJointState(robot, joint)
             torque = kp * (angle - state[_POSITION]) - kd * state[_SPEED]
@@ -209,10 +217,10 @@ def drive_of(controller: Any, over_floor: WorldOverFloor) -> tuple[Callable[[], 
 
 
 def _gains(controller: str) -> tuple[float, float]:
-    """(KP, KD) of the text "pd:KP,KD", N m/rad and N m s/rad, or for slides N/m and N s/m.
+    """Gains KP and KD of the text "pd:KP,KD", N m/rad and N m s/rad, or for slides N/m and N s/m.
 
-    controller: the text. Raises UserError for another text or another number of gains,
-    QuantityError for one that is not a number from 0 up.
+    Raises UserError for another text or another number of gains, QuantityError for a gain that is
+    not a number from 0 up.
     """
     kind, _, text = controller.partition(":")
     gains = [units.parse(gain, "number", "controller", least=0.0) for gain in text.split(",")]

@@ -101,20 +101,22 @@ class Face:
 
 
 def find_face(bullet: BulletClient, moving: BodyPart, other: BodyPart, size: float) -> Face | None:
-    """The face or edge on which two parts meet, None where they meet at a point.
+    """The face or edge on which two parts meet; None where they meet at a point.
 
-    Moves the body, so callers run it by `run_aside`.
-    Of a face Bullet returns one point, by how its search ended. The body is therefore tilted about
-    that point, a little in each direction: its nearest points then lie around the face.
+    Bullet returns one point of a face, any of it. The moving body is therefore tilted about that
+    point, a little in each direction: its nearest points then lie around the face. That moves the
+    body, so callers run it in a copy, by `run_aside`.
 
-    size: of the smaller part, m. The moving body stands where it touches.
+    moving: stands where it touches the other. size: of the smaller part, m.
     """
     touching = nearest(bullet, moving, other)
+    # m and unit vector, (3,) each.
     point = middle_of(touching)
     normal = normal_of(touching)
     position, quaternion = bullet.getBasePositionAndOrientation(moving.body)
     # Clear of the other at every tilt, where Bullet's distances are exact.
     arm = np.array(position) - point - _TILT * size * normal
+    # Nearest points of the tilted body, m.
     rim = []
     for axis in _across(normal):
         tilt = [*(math.sin(0.5 * _TILT) * axis), math.cos(0.5 * _TILT)]
@@ -122,11 +124,13 @@ def find_face(bullet: BulletClient, moving: BodyPart, other: BodyPart, size: flo
         start = point + np.array(rotate(tilt, vector(arm)))
         bullet.resetBasePositionAndOrientation(moving.body, start.tolist(), tilted)
         rim.append(middle_of(nearest(bullet, moving, other)))
+    # From the first point to these, along the face, m, (_DIRECTIONS, 3).
     across = np.array(rim) - point
     across -= np.outer(across @ normal, normal)
     middle = across.mean(axis=0)
     if np.linalg.norm(across - middle, axis=1).max() < _FLAT * size:
         return None
+    # How many contacts Bullet has there shows when the two overlap a little.
     pressed = np.array(position) + _PRESSED * normal
     bullet.resetBasePositionAndOrientation(moving.body, pressed.tolist(), quaternion)
     bullet.performCollisionDetection()
@@ -135,7 +139,10 @@ def find_face(bullet: BulletClient, moving: BodyPart, other: BodyPart, size: flo
 
 
 def _across(normal: Floats) -> list[Floats]:
-    """Unit vectors, (3,), across a unit normal, _DIRECTIONS of them evenly around it."""
+    """Unit vectors, (3,) each, at right angles to a unit normal, _DIRECTIONS of them evenly around
+    it.
+    """
+    # The axis of the world that is farthest from the normal.
     least = np.zeros(3)
     least[np.argmin(np.abs(normal))] = 1.0
     one = np.array(cross(vector(normal), vector(least)))
@@ -201,15 +208,15 @@ def place(
     coming_from: Vector | None = None,
     move: str | None = None,
 ) -> BulletPlacement:
-    """Bring the two just to touch, and say how they are launched.
+    """Bring two parts of a world just to touch, and return from where and by what they are launched.
 
     coming_from: where the first comes from, a unit vector away from the second; None: the nearest
-    way. In a world made of files all stand at the origin: the first body then approaches from
-    above.
-    move: what is launched, "base:" or by the name of a joint or link; None: a free base, else a
-    joint, else several.
+    way. Bodies of several files all stand at the origin: there None means from above.
+    move: what is launched: "base:", "joint:NAME" or "body:NAME" of a link; None: a free base, else
+    a sliding joint, else several joints.
 
-    Raises UserError where that cannot be done, SceneError where the two start deep in each other.
+    Raises UserError where nothing can bring them together, SceneError where the two start deep in
+    each other.
     """
     bullet = world.bullet
     for part in (first, second):
@@ -220,6 +227,7 @@ def place(
         note = "Files stand at the origin: the first body approaches from above; --from chooses."
     if move is not None and move != "base:":
         return _chosen(bullet, first, second, move)
+    # The first by its free base, else the second.
     for moving, other, sign in ((first, second, 1.0), (second, first, -1.0)):
         if BulletBody(bullet, moving.body).mass > 0.0 and moving.body != other.body:
             way = None
@@ -227,6 +235,7 @@ def place(
                 way = -sign * np.array(coming_from)
             mover = _free_base(bullet, moving, other, way)
             return _touch(bullet, moving, other, mover, note)
+    # Joints bring a link along a way of their own: a direction that the user chose rules them out.
     if move is None and (coming_from is None or note):
         for moving, other in ((first, second), (second, first)):
             for joint in _sliding_joints(bullet, moving, other):
@@ -246,9 +255,10 @@ def place(
 def _free_base(
     bullet: BulletClient, moving: BodyPart, other: BodyPart, way: Floats | None
 ) -> FreeBase:
-    """The mover of a free base on its way to the other, which starts clear of it if `way` is given.
+    """The mover that carries a body with a free base to another, as `FreeBase`.
 
-    way: unit vector, (3,), of its motion; None: the nearest way from where it stands.
+    way: unit vector, (3,), of its motion, on which it starts clear of the other; None: the nearest
+    way from where it stands.
     """
     position, quaternion = bullet.getBasePositionAndOrientation(moving.body)
     start = np.array(position)
@@ -260,10 +270,10 @@ def _free_base(
 
 
 def _chosen(bullet: BulletClient, first: BodyPart, second: BodyPart, move: str) -> BulletPlacement:
-    """Launch by the joint that `move` names, or the joints of that
-    link and of those up to the touch.
+    """Bring two parts to touch by joints that the user chose.
 
-    move: "joint:NAME" or "body:NAME" of a link.
+    move: "joint:NAME": that joint alone moves; "body:NAME": the joint of that link, and those
+    between it and the link that touches.
 
     Raises UserError where it carries neither of the two or does not bring them together, SceneError
     where they start deep in each other.
@@ -275,6 +285,7 @@ def _chosen(bullet: BulletClient, first: BodyPart, second: BodyPart, move: str) 
     for moving, other in ((first, second), (second, first)):
         body = BulletBody(bullet, moving.body)
         point = nearest(bullet, moving, other)
+        # Joints from the link that touches towards the base, each with the number of its link.
         carriers = body.ancestors(_touching_link(moving, point))
         names = [body.joints[j][place_of_name].decode(errors="replace") for j in carriers]
         if name not in names:
@@ -298,7 +309,9 @@ def _chosen(bullet: BulletClient, first: BodyPart, second: BodyPart, move: str) 
 
 
 def _touching_link(moving: BodyPart, point: Any) -> int:
-    """The link that meets the other body: the one named, else that of the nearest point."""
+    """Number of the moving body's link that meets the other: the one asked for, else that of the
+    nearest point, which PyBullet returned.
+    """
     if moving.link == ANY_LINK:
         return int(point[LINK_A])
     return moving.link
@@ -307,12 +320,12 @@ def _touching_link(moving: BodyPart, point: Any) -> int:
 def _clear_start(
     bullet: BulletClient, moving: BodyPart, other: BodyPart, direction: Floats, position: Floats
 ) -> Floats:
-    """Position, m, (3,), from which a body comes along `direction`, clear of the other.
+    """Position of a body's base, m, (3,), from which it comes along `direction`, clear of the other.
 
-    By the boxes around the two. Where they would pass by each other, the body is moved across the
-    way, centre over centre.
-    direction: unit vector towards the other.
-    position: of the body's base now, m.
+    The boxes around the two decide. Where they would pass by each other, the body is also moved
+    across the way, until their centres are in line.
+
+    direction: unit vector, (3,), towards the other. position: of the base now, m, (3,).
     """
     low, high = _bounds(bullet, moving)
     other_low, other_high = _bounds(bullet, other)
@@ -320,9 +333,10 @@ def _clear_start(
     across = np.abs(direction) < 0.5
     passes_by = (low > other_high) | (high < other_low)
     if passes_by[across].any():
-        # Centre over centre, but only across the way.
+        # From centre to centre, but only across the way.
         shift = ((other_low + other_high) - (low + high)) / 2
         position = position + shift - direction * float(direction @ shift)
+    # Way back, m, until no corner of the one is past a corner of the other.
     behind = 0.0
     for corner in (low, high):
         for other_corner in (other_low, other_high):
@@ -332,9 +346,8 @@ def _clear_start(
 
 
 def _bounds(bullet: BulletClient, part: BodyPart) -> tuple[Floats, Floats]:
-    """Lowest and highest corner of the box around a part, (3,) each, m, in the world.
-
-    Of an endless plane _BOUND m each way.
+    """Lowest and highest corner of the box around a part, m, (3,) each, in the world; cut at _BOUND
+    m each way, as a plane has no end.
     """
     links = [part.link]
     if part.link == ANY_LINK:
@@ -348,13 +361,13 @@ def _bounds(bullet: BulletClient, part: BodyPart) -> tuple[Floats, Floats]:
 def swing_to_touch(
     bullet: BulletClient, moving: BodyPart, other: BodyPart, chosen: Collection[int] | None = None
 ) -> SwingingLink | None:
-    """Bring a link of a robot to the other by its joints, or by those chosen, with its base at
-    rest.
+    """Bring a link of a robot to another part by the robot's joints, with its base at rest.
+
+    Returns the mover that swings it there, and leaves the world at touch; None where the joints do
+    not lead there, and for a robot with spherical or planar joints.
 
     chosen: numbers of the joints that may move; None: all.
-
-    The world is at touch afterwards. None where they do not lead there, and for a robot with
-    spherical or planar joints. Raises UserError where one of the two has no collision geometry.
+    Raises UserError where one of the two has no collision geometry.
     """
     body = BulletBody(bullet, moving.body)
     if body.kind != "jointed":
@@ -362,6 +375,7 @@ def swing_to_touch(
     kinds = [joint[JOINT_TYPE] for joint in body.joints]
     if any(kind not in (REVOLUTE, PRISMATIC, FIXED) for kind in kinds):
         return None
+    # Small steps towards the nearest point, which moves along with the joints.
     for _ in range(_ROUNDS):
         body.refresh()
         point = nearest(bullet, moving, other)
@@ -387,13 +401,11 @@ def swing_to_touch(
 def _rates_towards(
     body: BulletBody, point: Any, chosen: Collection[int] | None
 ) -> dict[int, float] | None:
-    """Rates of joints with which a body's nearest point approaches the
-    other's at 1 m/s, as by a push there.
+    """Rates of joints, as after a push at a body's nearest point, at which that point approaches the
+    other body at 1 m/s: joint -> rad/s or m/s; None where the joints cannot move it that way.
 
     point: the closest point of the two, as PyBullet returns it.
     chosen: numbers of the joints that may move; None: all.
-
-    By joint, rad/s or m/s; None where they cannot move it.
     """
     link = int(point[LINK_A])
     normal = vector(normal_of(point))
@@ -404,6 +416,7 @@ def _rates_towards(
     # The first degrees of freedom are those of a free base.
     if body.mass > 0.0:
         first_joint = _BASE_FREEDOMS
+    # By joint: its row of the Jacobian, m/rad or 1, and its acceleration by a push of 1 N.
     reaches, accelerations = (part[first_joint:] for part in response)
     moved = [j for j, joint in enumerate(body.joints) if joint[JOINT_TYPE] != FIXED]
     mobility = 0.0  # 1/kg
@@ -431,7 +444,7 @@ def _within_limits(joint: Any, start: float, target: float) -> float:
 
 
 def _size(bullet: BulletClient, *parts: BodyPart) -> float:
-    """The smallest diagonal of bounding boxes, m."""
+    """The shortest diagonal of the parts' bounding boxes, m."""
     boxes = [bullet.getAABB(part.body, max(part.link, -1)) for part in parts]
     return min(float(np.linalg.norm(np.subtract(high, low))) for low, high in boxes)
 
@@ -439,7 +452,8 @@ def _size(bullet: BulletClient, *parts: BodyPart) -> float:
 def _sliding_joints(
     bullet: BulletClient, moving: BodyPart, other: BodyPart
 ) -> Iterator[SlidingJoint]:
-    """Prismatic joints that carry the link that would touch, and bring it nearer; nearest first.
+    """Movers by one sliding joint each, of those that carry the link that would touch and bring it
+    nearer to the other; the joint nearest to that link first.
 
     Raises UserError where one of the two has no collision geometry.
     """
@@ -449,6 +463,7 @@ def _sliding_joints(
         joint = body.joints[number]
         if joint[JOINT_TYPE] != PRISMATIC:
             continue
+        # Share of the joint's motion that goes towards the other part.
         approach = float(np.array(body.joint_axis(number)) @ normal_of(point))
         if abs(approach) >= LEAST_APPROACH:
             name = joint[JOINT_NAME].decode(errors="replace")
@@ -460,10 +475,10 @@ def _sliding_joints(
 def _touch(
     bullet: BulletClient, moving: BodyPart, other: BodyPart, mover: Mover, note: str = ""
 ) -> BulletPlacement:
-    """Move the one until the two just touch, and say how they are launched from there.
+    """Move a part by its mover until the two just touch, and return where that is.
 
-    note: how the mover was chosen; with one, files all stand at the origin, and no overlap is
-    noted.
+    note: how the mover was chosen, "" where it was not a choice. With a note, the bodies' files all
+    stand at the origin: that they overlap there says nothing, and the result has an overlap of 0.
 
     Raises SceneError where they start deep in each other, UserError where they pass each other or
     another part is in the way, EngineFailed where PyBullet dies while it looks for a face.
@@ -474,6 +489,7 @@ def _touch(
     require_apart(start, size, moving.name, other.name)
 
     def distance(travel: float) -> float:
+        """Distance of the two, m, with the mover `travel` m from its start."""
         mover.put(bullet, travel)
         return float(nearest(bullet, moving, other)[DISTANCE])
 
@@ -516,9 +532,10 @@ def _touch(
 def _effective_mass(
     bullet: BulletClient, first: BodyPart, second: BodyPart, point: Floats, normal: Floats
 ) -> float:
-    """1 / (J M^-1 J^T) of two links, kg; NaN where neither can move, or a joint's axis is unknown.
+    """Effective mass of two links along a contact's normal, 1 / (J M^-1 J^T), kg, in the world's
+    present pose; NaN where neither can move, or the axis of a joint is unknown.
 
-    point: of the contact, m. normal: unit vector, (3,). The world's present pose counts.
+    point: of the contact, m, (3,). normal: unit vector, (3,).
     """
     # The two links of one body share it, as its response to both forces counts.
     bodies = {number: BulletBody(bullet, number) for number in (first.body, second.body)}
@@ -535,21 +552,21 @@ def _effective_mass(
 
 
 def _require_room(bullet: BulletClient, moving: BodyPart, other: BodyPart) -> None:
-    """Refuse a touch at which other parts of what moves would be deep in a third body, by
-    UserError.
+    """Refuse a pose in which links of the moving body, other than the one that touches, are deep in
+    another body, by UserError.
 
-    moving, other: the two links that touch, in the world's present pose.
+    moving, other: the two links that touch in the world's present pose.
     """
     pair = {(moving.body, moving.link), (other.body, other.link)}
     for third in bullet.bodies():
         if third == moving.body:
             continue
         for point in bullet.getClosestPoints(moving.body, third, 0.0):
-            mine = BodyPart("", moving.body, int(point[LINK_A]))
-            its = BodyPart("", third, int(point[LINK_B]))
-            if {(mine.body, mine.link), (its.body, its.link)} == pair:
+            moved = BodyPart("", moving.body, int(point[LINK_A]))
+            in_way = BodyPart("", third, int(point[LINK_B]))
+            if {(moved.body, moved.link), (in_way.body, in_way.link)} == pair:
                 continue
-            blocked = f"link {mine.link}", "another body"
+            blocked = f"link {moved.link}", "another body"
             depth = -float(point[DISTANCE])
-            size = _size(bullet, mine, its)
+            size = _size(bullet, moved, in_way)
             require_reachable(depth, size, (moving.name, other.name), blocked)

@@ -43,22 +43,23 @@ _SLID = 1e-6
 
 
 def pair_friction(bullet: BulletClient, place: BulletPlacement) -> float:
-    """Coulomb's μ of the pair: Bullet multiplies those of the two."""
-    one, two = (
-        bullet.getDynamicsInfo(p.body, p.link)[LATERAL_FRICTION]
-        for p in (place.first, place.second)
-    )
-    return float(one * two)
+    """Coulomb's μ of a pair: Bullet multiplies those of the two bodies."""
+    first = bullet.getDynamicsInfo(place.first.body, place.first.link)[LATERAL_FRICTION]
+    second = bullet.getDynamicsInfo(place.second.body, place.second.link)[LATERAL_FRICTION]
+    return float(first * second)
 
 
 def surface_point(contacts: Sequence[Any]) -> list[float]:
-    """Mean point of the contacts on the moving body, m, without those that have
-    slid apart, which Bullet keeps; of these the one that slid least, if there are no others.
+    """Mean point of a pair's contacts on the moving body, m, (3,).
 
-    contacts: tuples of getContactPoints, one or more, the moving body first.
+    Contacts whose two points have slid apart, which Bullet keeps for a while, do not count; if all
+    have, the one that slid least stands for them.
+
+    contacts: as getContactPoints returns them, one or more, the moving body first.
     """
 
     def slid(contact: Any) -> float:
+        """Distance of a contact's two points along the plate, m."""
         apart = np.subtract(contact[POINT_A], contact[POINT_B])
         normal = np.array(contact[NORMAL])
         return float(np.linalg.norm(apart - (apart @ normal) * normal))
@@ -102,7 +103,11 @@ class BulletAlongPlate:
         self._seen = self._now = np.zeros(3)
 
     def send(self, flight_time: float) -> None:
-        """Add slip and spin to the motion, and put the body back by what it slides in the flight.
+        """Give the body, which `place` has launched along the normal, the slip and spin of the launch
+        as well.
+
+        It is put back by the way that it slides before it touches, so that it touches where it
+        would without slip.
 
         flight_time: from release to touch, s. Raises UserError for a body without a free base.
         """
@@ -127,15 +132,15 @@ class BulletAlongPlate:
         return np.array(self.bullet.getBasePositionAndOrientation(self.body)[0])
 
     def moved_with(self, point: Sequence[float]) -> list[float]:
-        """A contact point as the moving body has carried it along since it was seen."""
+        """A contact point, m, (3,), moved by as much as the moving body since the last contact."""
         return [float(x) for x in np.array(point) + self._position() - self._seen]
 
     def motion(self, point: Sequence[float], rate: float) -> Floats:
-        """Slip 2 m/s, spin 3 rad/s, no friction (2 zeros) and energy without
-        that of the approach, J; (8,).
+        """The present motion along the plate, (8,), in the axes of the plate: slip, 2 numbers, m/s;
+        spin, 3, rad/s; 2 zeros, for the friction that `friction` knows after the step; and the
+        kinetic energy without that of the approach, J.
 
-        point: of the contact, m.
-        rate: of approach, m/s.
+        point: of the contact, m, (3,). rate: of approach, m/s.
         """
         slip = np.zeros(3)
         spin = np.zeros(3)
@@ -155,13 +160,15 @@ class BulletAlongPlate:
         )
 
     def friction(self, contacts: Sequence[Any], slip: Floats) -> Floats:
-        """Friction on the moving body in the step after `motion`, along the plate's axes, N, (2,).
+        """Friction on the moving body in the step just taken, along the plate's axes, N, (2,).
+
         Also notes where the contact was seen, for `moved_with`.
 
-        contacts: tuples of getContactPoints of that step, one or more.
-        slip: before the step, m/s, (2,).
+        contacts: of that step, as getContactPoints returns them, one or more. slip: before the
+        step, along the plate's axes, m/s, (2,).
         """
         self._seen = self._now
+        # Each contact has two friction forces, N, along directions in the world.
         pushes = []
         for contact in contacts:
             pushes += [contact[force] * np.array(contact[way]) for force, way in FRICTIONS]
@@ -173,7 +180,7 @@ class BulletAlongPlate:
 
 
 def _kinetic_energy(body: BulletBody) -> float:
-    """Kinetic energy of a body with all its links, J, at its last `refresh`; 0 for a fixed one."""
+    """Kinetic energy of a body with all its links, J, as of its last `refresh`; 0 for a fixed one."""
     if body.kind == "fixed":
         return 0.0
     energy = 0.0
@@ -223,7 +230,13 @@ class LaunchInUserWorld(Simulation):
         along: Vector | None = None,
         law: int | None = None,
     ) -> None:
-        """Put the moving body where the launch begins, at its speed."""
+        """Put the moving body where the launch begins, at the launch's speed, slip and spin.
+
+        place: where the pair touches, and the mover. gravity: along the normal, into the other
+        body, m/s². along: in the world, the plate's first axis of oblique launches; None: along x
+        or y. law: number of the plug-in's law between the two; None without one.
+        Raises UserError for an oblique launch of a body without a free base.
+        """
         self.bullet = bullet
         self.place = place
         self.gravity = gravity
@@ -252,8 +265,9 @@ class LaunchInUserWorld(Simulation):
         self._before = self._rate()
 
     def advance(self, steps: int) -> Record:
-        """Take `steps` steps as the user's own loop would; the record ends with a NaN step earlier
-        where the velocity is no longer finite.
+        """Take `steps` steps as the user's own loop would, and return what they did, with one launch.
+
+        Where the velocity is no longer finite, the record ends earlier, with a step of NaN.
         """
         rows: list[tuple[float, ...]] = []
         is_finite = True
@@ -261,6 +275,7 @@ class LaunchInUserWorld(Simulation):
             row = self._step()
             rows.append(row)
             is_finite = math.isfinite(row[1])
+        # (quantities, 1 launch, steps).
         seen = np.array(rows).T[:, None]
         x, v, f = seen[:3]
         if self._along is None:
@@ -271,10 +286,12 @@ class LaunchInUserWorld(Simulation):
         """Keep the one launch that there is."""
 
     def _step(self) -> tuple[float, ...]:
-        """(penetration m, rate m/s) before a step and (force N) in it; of an oblique launch also
-        slip 2 m/s, spin 3 rad/s, friction 2 N and other energy J.
+        """Take a step, and return one row of the record: penetration, m, and approach rate, m/s, before
+        the step, and the force in it, N.
 
-        All NaN where the body's velocity is not finite after it.
+        The row of an oblique launch goes on with slip, 2 numbers, m/s; spin, 3, rad/s; friction, 2,
+        N; and the kinetic energy without the approach's, J. All are NaN where the body's velocity
+        is not finite after the step.
         """
         along = None
         point = self._contact_point()
@@ -297,6 +314,7 @@ class LaunchInUserWorld(Simulation):
             # Bullet often pushes one point of a face, by how its search ended.
             self._point = contact.point if self.place.face is None else point
         elif self._touched:
+            # Bullet reports no contact: the two do not overlap, whatever the summed rates say.
             self._x = min(self._x, 0.0)
         x = self._x
         before = self._before
@@ -311,16 +329,18 @@ class LaunchInUserWorld(Simulation):
         return (x, before, force, *tangential)
 
     def _applied(self, force: float, before: float, after: float, x: float) -> float:
-        """The force that acted in the step, N: contacts out of reach still
-        report that of an earlier one.
+        """The force that acted in the step just taken, N, which is not always the reported one.
 
-        force: reported, N.
-        before, after: approach rates, m/s.
-        x: penetration before the step, m.
+        Contacts that are apart still report the force of an earlier step: 0 then. With substeps, a
+        contact may begin and end within a step, and reports nothing: the mean force then, by the
+        change of the speed.
+
+        force: reported, N. before, after: approach rates, m/s. x: penetration before the step, m.
         """
         mass = self.place.effective_mass
         if not math.isfinite(mass):
             return force
+        # Mean force in the step by the change of momentum, N.
         mean = mass * ((before - after) / self.timestep + self.gravity)
         if force != 0.0:
             is_stale = x < 0.0 and abs(mean) < _STALE * abs(force)
@@ -333,8 +353,8 @@ class LaunchInUserWorld(Simulation):
     def _read(self) -> _Contact | None:
         """All contacts of the pair in the step just taken as one; None without a contact.
 
-        The deepest penetration, the sum of the forces, and the mean point, m: halfway between the
-        surfaces, on the moving body's own of an oblique launch.
+        It has the deepest penetration, m, the sum of the forces, N, and the mean point, m: halfway
+        between the surfaces, or of an oblique launch on the surface of the moving body.
         """
         contacts = self._contacts()
         if not contacts:
@@ -354,10 +374,10 @@ class LaunchInUserWorld(Simulation):
         return _Contact(-deepest, sum(contact[FORCE] for contact in contacts), point)
 
     def _gap(self) -> tuple[float, Sequence[float]]:
-        """(penetration now, m; point halfway between the two, m), of the shapes themselves.
+        """Present penetration of the two shapes, m, and the point halfway between them, m, (3,).
 
-        A force law's pair has no contacts to read. The last ones where the two are farther apart
-        than PyBullet looks.
+        A force law's pair has no contacts to read them from. Both stay the last ones where the two
+        are farther apart than _SEEN, m.
         """
         first = self.place.first
         second = self.place.second
@@ -386,7 +406,7 @@ class LaunchInUserWorld(Simulation):
         return self._along.moved_with(self._point)
 
     def _rate(self) -> float:
-        """Approach rate of the two along the normal, m/s."""
+        """Present approach rate of the two along the normal, at the point of contact, m/s."""
         rate = 0.0
         point = self._contact_point()
         for sign, body, link in self._moving:

@@ -72,7 +72,11 @@ class _Moving:
         return base[0] + len(self.joints), base[1] + len(self.joints)
 
     def put(self, bullet: BulletClient, qpos: Floats, qvel: Floats) -> None:
-        """Put the body into a state, by its own numbers alone."""
+        """Put the body into a state.
+
+        qpos: its own positions: of a free base x y z, m, and a quaternion x y z w, then one of each
+        joint, rad or m. qvel: of a free base velocity, m/s, and spin, rad/s, then of each joint.
+        """
         if self.is_free:
             bullet.resetBasePositionAndOrientation(
                 self.body, qpos[:_PLACE].tolist(), qpos[_PLACE:_BASE_Q].tolist()
@@ -95,16 +99,24 @@ class _TouchingLinks(NamedTuple):
 
 
 class _Recording:
-    """The bodies of a world that move, and the states of a recording. Raises UserError for a joint
-    that a state cannot have, and as `RecordedMotion.read` does.
+    """The bodies of a world that move, and the states of a recorded motion of them.
+
+    moving: the bodies, in PyBullet's order. motion: the recorded states.
     """
 
     def __init__(self, bullet: BulletClient, recorded: Mapping[str, Floats]) -> None:
+        """Read a recording of the bodies that move in a world.
+
+        recorded: "qpos" and "qvel", (states, numbers of all moving bodies); "time", s, (states,),
+        where it is known. Raises UserError for a ball joint or a planar one, for arrays of other
+        shapes, for numbers that are not finite and for a time that does not rise; QuantityError for
+        a quaternion of length 0.
+        """
         self.bullet = bullet
         self.moving = list(_moving_bodies(bullet))
         widths = np.array([one.widths for one in self.moving]).reshape(-1, 2)
         nq, nv = widths.sum(axis=0).tolist()
-        # Where the numbers of each body begin.
+        # Where the numbers of each body begin in qpos and in qvel, (bodies, 2).
         self._starts = np.cumsum(widths, axis=0) - widths
         timestep = float(bullet.getPhysicsEngineParameters()["fixedTimeStep"])
         self.motion = RecordedMotion.read(recorded, nq, nv, timestep, self._layout())
@@ -115,15 +127,15 @@ class _Recording:
                 raise QuantityError("trajectory", got, "one of length 1, x y z w")
 
     def put(self, state: int) -> None:
-        """Put the world into a state, with its contacts."""
-        for one, (q, v) in zip(self.moving, self._starts.tolist(), strict=True):
-            nq, nv = one.widths
+        """Put the world into a state of the recording, by its index, and find its contacts."""
+        for body, (q, v) in zip(self.moving, self._starts.tolist(), strict=True):
+            nq, nv = body.widths
             qpos = self.motion.qpos[state, q : q + nq]
-            one.put(self.bullet, qpos, self.motion.qvel[state, v : v + nv])
+            body.put(self.bullet, qpos, self.motion.qvel[state, v : v + nv])
         self.bullet.performCollisionDetection()
 
     def _layout(self) -> str:
-        """The numbers of a state, in words."""
+        """The numbers of a state in words, for errors."""
         parts = []
         for one in self.moving:
             base = "x y z, quaternion x y z w, " if one.is_free else ""
@@ -132,8 +144,9 @@ class _Recording:
 
 
 def _moving_bodies(bullet: BulletClient) -> Iterator[_Moving]:
-    """The bodies with a free base or joints. Raises UserError for a ball joint or a planar one, whose
-    state PyBullet sets otherwise.
+    """The bodies of a world with a free base or joints that move, in PyBullet's order.
+
+    Raises UserError for a ball joint or a planar one, whose state PyBullet sets otherwise.
     """
     for body in bullet.bodies():
         joints = []
@@ -152,18 +165,22 @@ def _moving_bodies(bullet: BulletClient) -> Iterator[_Moving]:
 def touchdowns(
     world: LoadedWorld, request: Request, recorded: Mapping[str, Floats]
 ) -> TrajectoryTouchdowns:
-    """Every touchdown of a link that moves on a body that does not, or of the request's pair.
+    """Find, in a recorded motion, every touchdown of a link that moves on a body that does not, or
+    of the request's pair alone.
 
     The bodies of the world are left in a state of the recording.
-    recorded: qpos and qvel, (n, ...), of all bodies that move, in PyBullet's order: of a free base
-    what getBasePositionAndOrientation and getBaseVelocity return, then of its hinges and slides
-    what getJointState does; and time (n,), s, where it is known.
-    Raises UserError for other shapes, states that cannot be, and a pair that the world has not.
+
+    recorded: "qpos" and "qvel", (states, numbers of all bodies that move), in PyBullet's order: of
+    a free base what getBasePositionAndOrientation and getBaseVelocity return, then of its hinges
+    and slides what getJointState does; and "time", s, (states,), where it is known.
+    Raises UserError for other shapes, numbers that are not finite, a time that does not rise, and a
+    pair that the world does not have; QuantityError for a quaternion of length 0.
     """
     recording = _Recording(world.bullet, recorded)
     pair = None if request.pair is None else find_pair(world, request.pair)
     events = _events(recording, pair)
     feet = [_foot(world, links, of_links) for links, of_links in events.items()]
+    # Most touchdowns first.
     feet.sort(key=lambda foot: (-len(foot.time), foot.part))
     motion = recording.motion
     return TrajectoryTouchdowns(
@@ -179,11 +196,12 @@ def touchdowns(
 def _events(
     recording: _Recording, pair: tuple[BodyPart, BodyPart] | None
 ) -> dict[_Links, list[Touchdown]]:
-    """{two links: their touchdowns in the order of time}.
+    """Touchdowns of each two links that meet in a recording, in the order of time.
 
-    pair: the two that count; None: a link that moves, on a body that does not.
-    The speeds are those of the state before, or of the first in contact, the faster of the two: a
-    contact slows, and free flight may speed up, within the time between two states.
+    Their speeds are those of the last state before the contact or of the first one in it, the
+    faster of the two: between two states, free flight may speed a link up, and the contact slow it.
+
+    pair: the two that count; None: each link that moves, with each body that does not.
     """
     touches = NewTouches(recording.motion.time)
     events: dict[_Links, list[Touchdown]] = {}
@@ -204,13 +222,17 @@ def _events(
 def _contacts(
     recording: _Recording, pair: tuple[BodyPart, BodyPart] | None
 ) -> Iterator[_TouchingLinks]:
-    """The contacts of the present state that count, see `_events`."""
+    """Contacts of a pair in the present state of the world.
+
+    pair: the two that count; None: each link that moves, with each body that does not.
+    """
     bullet = recording.bullet
     moving = [one.body for one in recording.moving]
     if pair is None:
         still = [body for body in bullet.bodies() if body not in moving]
         sides = [_every_link(body, other) for body, other in product(moving, still)]
     else:
+        # The one that moves comes first.
         sides = [pair if pair[0].body in moving else pair[::-1]]
     for first, second in sides:
         for contact in bullet.getContactPoints(first.body, second.body):
@@ -226,19 +248,24 @@ def _every_link(body: int, other: int) -> tuple[BodyPart, BodyPart]:
 
 
 def _closing_speeds(bullet: BulletClient, contact: _TouchingLinks) -> tuple[float, float]:
-    """(speed at which two links close in, at which they slide on each other) at the point of a
-    contact in the present state, m/s.
+    """Speeds of two links at the point of their contact in the world's present state, m/s: at which
+    they close in, and at which they slide on each other.
     """
     body, link, other, other_link = contact.links
     point = contact.point.tolist()
     velocity = np.array(BulletBody(bullet, body).velocity_at(link, point))
     velocity -= BulletBody(bullet, other).velocity_at(other_link, point)
+    # Speed at which the first moves away from the second.
     away = float(contact.normal @ velocity)
     return -away, float(np.linalg.norm(velocity - away * contact.normal))
 
 
 def _foot(world: LoadedWorld, links: _Links, events: list[Touchdown]) -> Touchdowns:
-    """Touchdowns of two links, one or more, with the band of speeds that their setting holds in."""
+    """Touchdowns of two links with the setting that makes them bounce, and the band of speeds, m/s,
+    in which it holds.
+
+    events: their touchdowns, one or more, in the order of time.
+    """
     bullet = world.bullet
     sides = (BodyPart("", *links[:2]), BodyPart("", *links[2:]))
     promise = promise_in(bullet, sides)
@@ -254,5 +281,6 @@ def _foot(world: LoadedWorld, links: _Links, events: list[Touchdown]) -> Touchdo
         values = [bullet.getDynamicsInfo(side.body, side.link)[RESTITUTION] for side in sides]
         setting = f"restitution {values[0]:g} x {values[1]:g}"
     time, speed, slide = np.array(events).T
-    part, other = (world.name_of(side.body, side.link) for side in sides)
+    part = world.name_of(sides[0].body, sides[0].link)
+    other = world.name_of(sides[1].body, sides[1].link)
     return Touchdowns(part, other, time, speed, slide, band, setting)

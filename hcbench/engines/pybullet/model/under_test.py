@@ -109,10 +109,11 @@ _MESH = 5
 
 
 def require_plausible(bullet: BulletClient, place: BulletPlacement) -> None:
-    """Refuse a time step, gravity and parts whose numbers no bouncing body has.
+    """Refuse a world whose time step, s, or gravity, m/s², is outside the bounds, or whose pair has
+    numbers that no bouncing body has.
 
-    place: of the two that meet. Raises SceneError for numbers below 0 or NaN, QuantityError for
-    those outside the bounds.
+    place: of the pair. Raises SceneError for a mass, friction, restitution or inertia below 0 or
+    NaN, QuantityError for numbers outside the bounds.
     """
     parameters = bullet.getPhysicsEngineParameters()
     require_bounds("timestep", [parameters["fixedTimeStep"]], "timestep", "s")
@@ -123,9 +124,10 @@ def require_plausible(bullet: BulletClient, place: BulletPlacement) -> None:
 
 
 def _require_plausible_part(bullet: BulletClient, side: BodyPart) -> None:
-    """Refuse a mass, friction, restitution, inertia or shape of one of the two that no body has.
+    """Refuse a part of a pair whose mass, friction, restitution, inertia or size no body has.
 
-    Raises SceneError for numbers below 0 or NaN, QuantityError for those outside the bounds.
+    side: the part. Raises SceneError for numbers below 0 or NaN, QuantityError for those outside
+    the bounds.
     """
     info = bullet.getDynamicsInfo(side.body, side.link)
     for quantity, index, unit in _CHECKED:
@@ -157,9 +159,12 @@ _ONE_POINT = (
 class _Placed(NamedTuple):
     """The pair of a world at touch.
 
+    place: where they touch, and what moves them there.
     law: number of the plug-in's law between the two and the command that added it, or None.
-    is_put_back_whole: whether one copy of the world can have all launches, to the bit as alone.
-    timestep: s. gravity: along the normal, into the other body, m/s².
+    is_put_back_whole: whether one copy of the world can have all launches, one after the other,
+    with the same results to the bit as a copy for each.
+    promise: of `hcbench tune` for the pair; None without one.
+    timestep: s. gravity: along the normal, into the other body, m/s²; 0 where both fall.
     """
 
     place: BulletPlacement
@@ -222,7 +227,7 @@ class PybulletModel(ModelUnderTest):
             raise
 
     def _placed(self) -> _Placed:
-        """The pair at touch, and what the world as it is now says of it.
+        """Bring the pair to touch, and read from the present world what holds for it.
 
         Raises UserError where the two cannot be brought to touch, SceneError and QuantityError for
         numbers that no body has.
@@ -250,7 +255,7 @@ class PybulletModel(ModelUnderTest):
         )
 
     def _take(self, placed: _Placed) -> None:
-        """Hold what a request and its fixes made of the pair."""
+        """Keep the pair at touch as attributes of the model."""
         self.place = placed.place
         self.law = placed.law
         self._is_put_back_whole = placed.is_put_back_whole
@@ -260,8 +265,8 @@ class PybulletModel(ModelUnderTest):
         self.mass = placed.place.effective_mass
 
     def _plugin_law(self) -> tuple[int, str] | None:
-        """Number of the plug-in's law between the two, and the command
-        that added it; None without one.
+        """Number of the plug-in's law between the two, and the command that added it; None without a
+        law.
         """
         first = (self.place.first.body, self.place.first.link)
         second = (self.place.second.body, self.place.second.link)
@@ -277,7 +282,9 @@ class PybulletModel(ModelUnderTest):
             self.bullet.setGravity(*self.request.gravity)
 
     def _put_back(self) -> None:
-        """A live client gets back what the request changed; a world of our own is closed."""
+        """Give a live client back the poses, time step and gravity that the request changed; close a
+        world of our own.
+        """
         if self.world.disconnect:
             if self.bullet.isConnected():
                 self.bullet.disconnect()
@@ -299,18 +306,19 @@ class PybulletModel(ModelUnderTest):
         return x, y, z
 
     def _falls_alone(self) -> bool:
-        """Say whether gravity makes the two approach; it does not if both fall."""
+        """Return whether gravity makes the two approach; it does not if both fall, or neither."""
         first_mass = self.bullet.getDynamicsInfo(self.place.first.body, -1)[MASS]
         second_mass = self.bullet.getDynamicsInfo(self.place.second.body, -1)[MASS]
         return isinstance(self.place.mover, FreeBase) and min(first_mass, second_mass) == 0.0
 
     def release(self, launches: Sequence[Launch]) -> Simulation:
-        """Begin a launch from its starting point, in a world that knows of no other launch.
+        """Begin a launch from its starting point, in a copy of the world that has seen no other.
 
         launches: one. Raises UserError for an oblique launch of a pair with the plug-in's law,
         whose friction PyBullet does not report.
         """
         (launch,) = launches
+        # In the plug-in; None without a law.
         law_number = None
         if self.law is not None:
             law_number, _ = self.law
@@ -372,9 +380,9 @@ class PybulletModel(ModelUnderTest):
         `tune` wrote them.
         """
         of_pair = restitutions(self.bullet, self.place)
-        told: list[float] | str = "not told"
+        reported: list[float] | str = "not told"
         if not math.isnan(math.prod(of_pair)):
-            told = list(of_pair)
+            reported = list(of_pair)
         asked, words = self._asked(*of_pair)
         parameters = self.bullet.getPhysicsEngineParameters()
         notes = overlap_notes(self.place.overlap)
@@ -395,7 +403,7 @@ class PybulletModel(ModelUnderTest):
             effective_mass=self.place.effective_mass,
             normal=vector(self.place.normal),
             settings={
-                "restitution": told,
+                "restitution": reported,
                 "numSubSteps": int(parameters["numSubSteps"]),
                 "numSolverIterations": int(parameters["numSolverIterations"]),
             },
@@ -409,17 +417,20 @@ class PybulletModel(ModelUnderTest):
         )
 
     def _changed_since_tuned(self) -> list[Suspect]:
-        """Return what breaks the promise of `hcbench tune`; nothing where it promised nothing."""
+        """Return what in the world breaks the promise that `hcbench tune` made; [] without one."""
         if self.promise is None:
             return []
         has_law = self.law is not None
         return list(broken_promise(self.bullet, self.promise, has_law, self._gravity()))
 
     def _asked(self, first: float, second: float) -> tuple[tuple[float, ...], str]:
-        """(e that the world asks for at each launch speed, what asks for it in words).
+        """The e that the world asks for at each launch speed, () where it is not known, and in words
+        what asks for it.
 
-        By the plug-in's law, what hcbench promised, or the product of the restitutions; () where none says.
-        first, second: restitutions of the two, NaN where PyBullet does not report them.
+        That is the plug-in's law, else the promise of `hcbench tune`, else the product of the
+        restitutions.
+
+        first, second: restitutions of the two; NaN where PyBullet does not report them.
         """
         speeds = self.request.speeds
         if self.law is not None:
@@ -441,9 +452,10 @@ class PybulletModel(ModelUnderTest):
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """Return settings that may keep this pair from bouncing as `wanted`, likeliest first.
 
-        impacts: of the launches. wanted: e over speed; None where the user named none. For a
-        plug-in's law, which replaces Bullet's contact, those that act beside it. Those of a live
-        client have no fix to try.
+        A plug-in's law replaces Bullet's contact: with one only settings that act beside it count.
+        Suspects of a live client have no fix to try.
+
+        impacts: of the launches. wanted: e over speed; None where the user named none.
         """
         changed = self._changed_since_tuned()
         context = BulletContext(
@@ -470,8 +482,8 @@ class PybulletModel(ModelUnderTest):
         """The same world with the fixes of `suspects` made before the pair is placed.
 
         It is this world in forked copies of the process, where that is possible; else it is made
-        again. Raises UserError for a live client, which is not tried on, and the errors of the
-        class.
+        again. Raises UserError for a live client, on which no fix is tried, and what `__init__`
+        raises.
         """
         if self.build is None:
             raise UserError(
@@ -517,7 +529,9 @@ class _FixedInForks(PybulletModel):
         self._take(self._with_fixes(self._placed))
 
     def _with_fixes(self, function: Callable[[], Answer]) -> Answer:
-        """Call a function where the fixes are made, and return its result, pickled."""
+        """Call a function in a forked copy of this process where the fixes are made, and return its
+        result, which must pickle.
+        """
 
         def run() -> Answer:
             self._make_fixes()
@@ -556,10 +570,12 @@ class _FixedInForks(PybulletModel):
 
 
 def open_world(source: Any, request: Request, rebuild: Callable[[], Any] | None) -> PybulletModel:
-    """A world from files (paths), from a `World`, or from a client, with the request's pair in it.
+    """The model under test of a PyBullet world and the request's pair in it.
 
-    rebuild: makes the `World` or client again, where a function built it; None where none did.
-    Raises SceneError for files that do not load, and the errors of `PybulletModel`.
+    source: files (paths), a `World`, or a client. rebuild: makes the `World` or client again; None
+    where no function built it.
+    Raises SceneError for files that do not load and for numbers that no body has, UserError where
+    the request does not fit the world, EngineFailed where PyBullet dies.
     """
     return PybulletModel(*loaded(source, rebuild, request.packages), request)
 
@@ -567,11 +583,12 @@ def open_world(source: Any, request: Request, rebuild: Callable[[], Any] | None)
 def list_pairs_of(
     source: Any, request: Request, rebuild: Callable[[], Any] | None
 ) -> list[CandidatePair]:
-    """Pairs of links that can meet, in the request's pose.
+    """Pairs of links of a world that can meet, in the request's pose.
 
-    source: files, a `World`, or a client. rebuild: makes the world again, where a function built
-    it. Raises SceneError for files that do not load, UserError for a pose that does not fit or one
-    file alone, EngineFailed where PyBullet dies.
+    source: files, a `World`, or a client. rebuild: makes the world again; None where no function
+    built it.
+    Raises SceneError for files that do not load, UserError for a pose that does not fit or one file
+    alone, EngineFailed where PyBullet dies.
     """
     world, _ = loaded(source, rebuild, request.packages)
     try:
@@ -584,12 +601,13 @@ def list_pairs_of(
 def land_in(
     source: Any, request: Request, drops: DropPlan, rebuild: Callable[[], Any] | None
 ) -> Landings:
-    """Drop the robot of a world from each height, m, and tilt, rad, of `drops`, each time in a
-    forked copy of this process.
+    """Drop the robot of a world from each height, m, and tilt, rad, of a plan, each time in a forked
+    copy of this process, and return the landings.
 
-    source: files, a `World`, or a client. rebuild: makes the world again, where a function built
-    it. Raises SceneError for files that do not load, UserError where there is no robot or nothing
-    to land on, EngineFailed where a velocity is no longer finite.
+    source: files, a `World`, or a client. drops: the plan. rebuild: makes the world again; None
+    where no function built it.
+    Raises SceneError for files that do not load, UserError where there is no robot or nothing to
+    land on, EngineFailed where a velocity is no longer finite.
     """
     world, _ = loaded(source, rebuild, request.packages)
     try:
@@ -602,10 +620,14 @@ def land_in(
 def touchdowns_in(
     source: Any, request: Request, recorded: Mapping[str, Floats]
 ) -> TrajectoryTouchdowns:
-    """Touchdowns in a recorded motion of a world, see `touchdowns.touchdowns`; the world stays as it
-    is.
+    """Find the touchdowns in a recorded motion of a world, which stays as it is.
 
-    Raises SceneError for files that do not load, and the errors of `touchdowns`.
+    source: files, a `World`, or a client. request: its pair counts; without one, each link that
+    moves on each body that does not. recorded: "qpos" and "qvel", (states, numbers of all bodies
+    that move), in PyBullet's order, and "time", s, (states,), where it is known.
+    Raises SceneError for files that do not load, UserError for a recording that does not fit the
+    world or has numbers that are not finite, and for a pair that the world does not have;
+    QuantityError for a quaternion of length 0.
     """
     world, _ = loaded(source, None, request.packages)
     try:
@@ -623,11 +645,11 @@ def _listed(world: LoadedWorld, request: Request) -> list[CandidatePair]:
 def loaded(
     source: Any, rebuild: Callable[[], Any] | None, packages: Packages
 ) -> tuple[LoadedWorld, Callable[[], LoadedWorld] | None]:
-    """(the world, function that makes it again; None for a live client).
+    """Load or take up a world; returns it and a function that makes it again, None for a live client.
 
     source: one path or several, a `World`, a client or its id. rebuild: makes the `World` or client
-    again; None where no function built it. packages: folders that URDFs name. Raises SceneError for
-    files that do not load, UserError for another source.
+    again; None where no function built it. packages: folders of the packages that URDFs name.
+    Raises SceneError for files that do not load, UserError for another source.
     """
     if isinstance(source, str | list | tuple) or hasattr(source, "__fspath__"):
         paths: Sequence[str | Path] = source if isinstance(source, list | tuple) else [source]
@@ -652,14 +674,18 @@ def model_settings(
     goal: RestitutionCurve,
     rebuild: Callable[[], Any] | None,
 ) -> Iterator[ModelSetting]:
-    """Settings for all pairs, as lines: Bullet's own restitution, and no default that spoils it.
+    """Settings that make all given pairs of a world bounce by Bullet's own restitution, each as lines
+    of a script, without the defaults that spoil it.
 
-    The first lets bodies come to rest under gravity, by a speed below which nothing bounces; the
-    second lets all bounce.
-    source: files, a `World`, or a client. rebuild: makes it again, where a function built it.
-    requests: of the pairs, one or more; their speeds choose the constant e nearest to `goal`.
-    Raises UserError for a live client, and for a part that would need two restitutions; also what
-    opening raises.
+    The first has a speed below which nothing bounces, so that bodies come to rest under gravity; it
+    is left out where the world needs none, or where it would reach the launches. The second has
+    none.
+
+    source: files, a `World`, or a client. rebuild: makes it again; None where no function built it.
+    requests: of the pairs, one or more, which differ in the pair alone. goal: e over speed; the
+    constant nearest to it over the requests' speeds, m/s, is set.
+    Raises UserError for a live client and for a part that is the first of one pair and the second
+    of another; SceneError for files that do not load; also what opening a pair raises.
     """
     world, build = loaded(source, rebuild, requests[0].packages)
     if build is None:
@@ -670,17 +696,18 @@ def model_settings(
         )
     # Requests differ in pairs alone.
     e = goal.best_constant(min(requests[0].speeds), max(requests[0].speeds))
+    # Highest speed of hops that bodies at rest make, and lowest speed of a touch, m/s.
     still = 0.0
     slowest = math.inf
-    # Each with what ends a spring of its parts.
+    # Each pair at touch, and for its two parts the settings that switch a spring off.
     places: list[tuple[BulletPlacement, list[dict[str, float]]]] = []
-    # 0 or 1, by (body, link).
+    # (body, link) -> 0 for the first of a pair, 1 for the second: only the first gets the e.
     side_of: dict[tuple[int, int], int] = {}
     for i, request in enumerate(requests):
         with PybulletModel(build() if i else world, build, request) as model:
             step, gravity = model.timestep, model.gravity
             still = max(still, speed_of_hops(step, gravity))
-            touching = [each.touch_speed(step, gravity) for each in request.launches()]
+            touching = [launch.touch_speed(step, gravity) for launch in request.launches()]
             slowest = min(slowest, *touching)
             parts = (model.place.first, model.place.second)
             places.append((model.place, [without_spring(model.bullet, part) for part in parts]))
@@ -705,13 +732,14 @@ def _restitution(
     build: Callable[[], LoadedWorld],
     more: tuple[str, ...],
 ) -> ModelSetting:
-    """The setting with one restitution, and a speed below which nothing bounces.
+    """The setting that gives all pairs one restitution, as lines of a script and as a world to open.
 
-    places: of the pairs, at touch, each with what ends a spring of its parts. e: of each pair.
-    still: that speed, m/s. build: makes the world. more: notes on it.
+    places: of the pairs, at touch, each with the settings that switch springs of its two parts off.
+    e: of each pair. still: speed below which nothing bounces, m/s; 0: none. build: makes the world.
+    more: notes for the user on this setting.
     """
     suspects = [restitution_setting(place, springless, e, still) for place, springless in places]
-    # Each line once, in order.
+    # Each line once, in order: pairs may share parts.
     lines: dict[str, None] = {}
     for suspect in suspects:
         lines |= dict.fromkeys(suspect.fix.split("; "))

@@ -36,8 +36,9 @@ class VariedWorld(VariedContact):
     ) -> None:
         """Load the world once, to see that it can be made again.
 
-        source, rebuild: see `under_test.open_world`. Raises UserError for a live client, and
-        SceneError for files that do not load.
+        source: files (paths), a `World`, or a client. rebuild: makes the `World` or client again;
+        None where no function built it.
+        Raises UserError for a live client, and SceneError for files that do not load.
         """
         world, build = loaded(source, rebuild, request.packages)
         if world.disconnect:
@@ -48,11 +49,12 @@ class VariedWorld(VariedContact):
         self._build = build
 
     def open(self, request: Request, values: Mapping[str, float]) -> PybulletModel:
-        """A new world in which the products of the pair's coefficients are `values`, each "restitution"
-        or "friction" -> product.
+        """The model under test of a new world in which the pair has other coefficients.
 
-        Raises what opening a model raises; UserError for bodies with maximal coordinates; SceneError
-        and QuantityError for coefficients that no contact has.
+        values: "restitution" or "friction" -> product of the two bodies' coefficients.
+        Raises what opening a model raises; UserError for bodies with maximal coordinates, whose
+        numbers PyBullet does not report; SceneError and QuantityError for coefficients that no
+        contact has.
         """
         model = PybulletModel(self._build(), self._build, request)
         try:
@@ -67,10 +69,10 @@ class VariedWorld(VariedContact):
 
 def _set(model: PybulletModel, name: str, product: float) -> None:
     """Change the first body's restitution or friction so that its product with the second's is
-    `product`; a second's of 0 becomes 1.
+    `product`; where the second's is 0, it becomes 1.
 
-    name: a key of _KEYWORDS. Raises UserError for bodies with maximal coordinates, whose numbers
-    PyBullet does not report.
+    name: "restitution" or "friction". Raises UserError for bodies with maximal coordinates, whose
+    numbers PyBullet does not report.
     """
     bullet = model.bullet
     first = model.place.first

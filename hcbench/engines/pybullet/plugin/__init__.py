@@ -50,8 +50,8 @@ _ANY_LINK = -2
 
 @functools.cache
 def library() -> Path:
-    """Return the library of the plug-in, compiled at the first call.
-    CannotRun without a C compiler.
+    """Path of the plug-in's library, compiled at the first call. Raises CannotRun without a C
+    compiler.
     """
     return _compile.build(SOURCE, link=LINK)
 
@@ -80,7 +80,7 @@ def command(
     friction: Friction | float | None = None,
     cup: Sequence[float] | None = None,
 ) -> str:
-    """The text of executePluginCommand that adds a law.
+    """The text that adds a law, for executePluginCommand.
 
     friction: a coefficient, or `Friction`, of which a law that sets e takes the dynamic coefficient
     alone; None for the product of the bodies' own.
@@ -88,7 +88,7 @@ def command(
     centre is in the frame of the second body's centre of mass.
 
     Raises UserError for an argument of another type, SettingError for what is not a contact law.
-    Numbers out of range and a cup of another length are refused by the plug-in.
+    Numbers out of range and a cup of another length are refused later, by the plug-in.
     """
     require_law(law)
     keys: dict[str, Any]
@@ -129,8 +129,9 @@ def add(
 
     first, second: a body, whose base is meant, or (body, link) with the link's number or name; -2
     means any.
-    friction: as of `command`; the product of the bodies' own where not given.
-    cup: as of `command`; a mesh would be less exact.
+    friction: a coefficient, or `Friction`; the product of the bodies' own where not given.
+    cup: (radius, x, y, z), m, of the spherical cup that the first body, a sphere, lies in, its
+    centre in the frame of the second body's centre of mass; a mesh would be less exact.
     speed: largest approach speed expected, m/s: a step too coarse for a force law there is refused.
 
     A force law takes the place of Bullet's own contact of the pair. resetSimulation ends all laws.
@@ -141,6 +142,7 @@ def add(
     plugin = load(client)
     sides = [_side(bullet, first), _side(bullet, second)]
     number = int(bullet.executePluginCommand(plugin, text, [*sides[0], *sides[1]]))
+    # The plug-in's answer to "message" is its last error, as text that ends with a 0.
     if number < 0:
         said = bytes(bullet.executePluginCommand(plugin, "message")[2][:-1]).decode()
         raise SettingError("contact law", said, "", "docs/reference/plugins.md has all commands")
@@ -156,18 +158,19 @@ def add(
 
 
 def _reduced_mass(bullet: BulletClient, sides: Iterable[tuple[int, int]]) -> float:
-    """1/(1/m1 + 1/m2) of the two sides of a pair, kg; at least one of them can move.
+    """Reduced mass 1/(1/m1 + 1/m2) of a pair, kg, of which at least one can move.
 
-    sides: (body, link) of the two. A body that cannot move has a mass of 0 in Bullet. "Any" link,
-    -2, stands for the base, and where that is fixed for the lightest link that moves.
+    sides: (body, link) of the two. The link -2, which stands for any, counts as the base, and
+    where that is fixed as the lightest link that moves.
     """
+    # Sum of 1/m, 1/kg. A body that cannot move has a mass of 0 in Bullet.
     mobility = 0.0
     for body, link in sides:
         mass = bullet.getDynamicsInfo(body, max(link, -1))[MASS]
         if link == _ANY_LINK and not mass > 0.0:
             links = range(bullet.getNumJoints(body))
-            masses = [bullet.getDynamicsInfo(body, each)[MASS] for each in links]
-            mass = min((each for each in masses if each > 0.0), default=0.0)
+            masses = [bullet.getDynamicsInfo(body, number)[MASS] for number in links]
+            mass = min((some for some in masses if some > 0.0), default=0.0)
         if mass > 0.0:
             mobility += 1.0 / mass
     return 1.0 / mobility
@@ -191,6 +194,7 @@ def force(number: int, *, client: int = 0) -> float:
 
     number: of the law, as `add` returned it. Raises SettingError for one that the client has not.
     """
+    # The 8 bytes of a double in answer[2]; an integer below 0 for an unknown law.
     answer = BulletClient(client).executePluginCommand(load(client), "force", [number])
     if isinstance(answer, int):
         raise SettingError(
@@ -206,20 +210,26 @@ class Recorder:
     """
 
     def __init__(self, bullet: BulletClient) -> None:
+        """Load the plug-in, and find the client's world in memory.
+
+        Raises CannotRun without a C compiler, SettingError for a client that is not connected,
+        EngineFailed where it does not take the plug-in.
+        """
         _, _, parts = bullet.executePluginCommand(load(bullet.client), "world")
         (world,) = struct.unpack("P", bytes(part & 255 for part in parts))
         self._world = ctypes.c_void_p(world)
         self._record = ctypes.CDLL(str(library())).hcbench_record
 
     def record(self, bodies: Sequence[int], steps: int) -> Floats:
-        """Position, velocity and angular velocity after each step, shape (steps, b, 3, 3).
+        """Take `steps` steps, and return position, m, velocity, m/s, and angular velocity, rad/s, of
+        bodies after each, (steps, bodies, 3 quantities, 3).
 
-        Position in m, velocity in m/s and angular velocity in rad/s. Raises
-        EngineFailed where a body is gone.
+        bodies: their ids. Raises EngineFailed where a body is gone.
         """
         ids = np.array(bodies, dtype=np.intc)
         seen = np.empty((steps, len(bodies), 3, 3))
-        ids_at, seen_at = (ctypes.c_void_p(array.ctypes.data) for array in (ids, seen))
+        ids_at = ctypes.c_void_p(ids.ctypes.data)
+        seen_at = ctypes.c_void_p(seen.ctypes.data)
         if not self._record(self._world, steps, ids_at, len(ids), seen_at):
             raise EngineFailed("pybullet", "a body is gone", "")
         return seen
@@ -236,22 +246,28 @@ def recorder(bullet: BulletClient) -> Recorder | None:
 def find(
     first: tuple[int, int], second: tuple[int, int], *, client: int = 0
 ) -> tuple[int, str] | None:
-    """(number of the law between two (body, link) of a client, command that added it).
+    """Number of the plug-in's law between two parts of a client, and the command that added it; None
+    without a law.
 
-    None where there is none. It loads nothing into a process that has not loaded the plug-in.
+    first, second: (body, link) each.
     """
+    # A process that has not loaded the plug-in has no law: nothing is loaded into it.
     path = library() if library.cache_info().currsize else _compile.loaded(SOURCE)
     if path is None:
         return None
     bullet = BulletClient(client)
     answer = bullet.executePluginCommand(bullet.loadPlugin(str(path)), "find", [*first, *second])
-    return None if isinstance(answer, int) else (int(answer[0]), bytes(answer[2][:-1]).decode())
+    # An integer below 0: no law.
+    if isinstance(answer, int):
+        return None
+    return int(answer[0]), bytes(answer[2][:-1]).decode()
 
 
 def restitution_of(command: str) -> RestitutionCurve | None:
-    """Restitution curve that a command which adds a law asks for; None for a law later than 1975.
+    """The restitution curve that a command of the plug-in asks for; None for a force law other than
+    Hunt and Crossley's of 1975.
 
-    command: text of the plug-in's command, such as "restitution alpha=.3".
+    command: text that added a law, such as "restitution alpha=.3".
     """
     name, *parts = command.split()
     keys = dict(part.split("=", 1) for part in parts)
@@ -266,9 +282,10 @@ def restitution_of(command: str) -> RestitutionCurve | None:
 
 
 def _side(bullet: BulletClient, side: Side) -> tuple[int, int]:
-    """(body, link) as numbers; what they mean, the plug-in checks.
+    """Body and link of one side of a pair, as numbers, which the plug-in checks.
 
-    Raises SettingError for a link that the body does not have.
+    side: a body, whose base, -1, is meant, or (body, number or name of a link). Raises SettingError
+    for a name that no link of the body has.
     """
     if isinstance(side, int):
         return side, -1

@@ -108,8 +108,13 @@ class PybulletOptions(OptionTable):
 
 
 def read_options(options: Mapping[str, Any]) -> PybulletOptions:
-    """Options from a setting; SettingError names the first word that PyBullet does not have."""
+    """Read and check the options of a PyBullet setting.
+
+    Raises SettingError for an option or keyword that PyBullet does not have or would ignore, and
+    for links beside another contact.
+    """
     checked = validate(PybulletOptions, options, SettingError, "pybullet option '{}'")
+    # No other contact is asked for.
     alone = (
         checked.law is None
         and not checked.maximal_coordinates
@@ -125,11 +130,11 @@ def read_options(options: Mapping[str, Any]) -> PybulletOptions:
 
 
 def _check(keywords: Mapping[str, Any], part: str, types: Mapping[str, type], call: str) -> None:
-    """Raise SettingError for the first keyword that a call of PyBullet
-    does not take, or would ignore.
+    """Raise SettingError for the first keyword that a function of PyBullet does not take, or would
+    ignore, and for contactStiffness or contactDamping without the other.
 
-    keywords: of the setting's table `part`, "world", "ball" or "plate".
-    types: keywords that PyBullet's function `call` takes, with the type of each.
+    keywords: of a setting's table. part: name of the table, "world", "ball" or "plate". types:
+    keywords that the function takes, with the type of each. call: name of the function.
     """
     for key, value in keywords.items():
         slot = f"pybullet option '{part}.{key}'"
@@ -137,6 +142,7 @@ def _check(keywords: Mapping[str, Any], part: str, types: Mapping[str, type], ca
             raise SettingError(slot, "not to be set here", "", _ELSEWHERE[key])
         if key not in types:
             raise SettingError(slot, "unknown", f"one of {call}'s: {', '.join(types)}")
+        # True and False stand for 1 and 0.
         if isinstance(value, bool) and types[key] is int:
             continue
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -177,10 +183,11 @@ WRITE = """with open("ball.urdf", "w") as file:
 
 
 def ball_urdf(scene: Scene, links: Sequence[LinkOptions]) -> str:
-    """URDF of a scene's ball with links, one sphere each; the first is the base, with all the mass.
+    """Text of a URDF of a scene's ball with links, one sphere each; the first is the base, with all
+    the mass.
 
-    Raises SettingError in a cup, SceneError for links that start as deep as the ball's radius or
-    deeper.
+    Raises SettingError for a scene with a cup, SceneError for links that start as deep as the
+    ball's radius or deeper.
     """
     radius = scene.relative_radius
     if scene.form != "plane":
@@ -193,6 +200,7 @@ def ball_urdf(scene: Scene, links: Sequence[LinkOptions]) -> str:
         raise SceneError(f"scene {scene.name!r}", got, "a larger ball, or a shorter step")
     text = ""
     for i, link in enumerate(links):
+        # kg and kg m².
         mass = 0.0
         inertia = 0.0
         # The first link is the base, which has all the mass.
@@ -257,16 +265,18 @@ def script(scene: Scene, setting: Setting) -> str:
 
 
 def _calls(setting: Setting, pair: Pair, made: Mapping[str, str], path: str) -> str:
-    """Lines of Python with the calls of a setting, in the order that works.
+    """Lines of Python with the calls of a setting, in an order that works: the world's, what makes
+    ball and plate, what changes them, and the law's.
 
-    pair: the variables of ball and plate.
-    made: the calls that make them, by "ball" and "plate"; {} where both exist already.
-    path: of the plug-in, as a Python expression; unused without a law.
+    pair: the script's variables of ball and plate. made: "ball" and "plate" -> the call that makes
+    each; {} where both exist already. path: of the plug-in, as a Python expression; unused without
+    a law.
     """
     options = setting.options
     names = dict(zip(PAIR, pair, strict=True))
     # Substeps of the user's would be shorter steps than those of the setting.
     world = {"fixedTimeStep": setting.timestep, "numSubSteps": 0, **options.get("world", {})}
+    # Lines before the bodies are made; then by body the call that changes it.
     before: list[str] = []
     made = dict(made)
     calls = {}
@@ -287,8 +297,8 @@ def _calls(setting: Setting, pair: Pair, made: Mapping[str, str], path: str) -> 
             write,
         ]
         made["ball"] = f'loadURDF("{pair[0]}.urdf", flags=pybullet.URDF_USE_INERTIA_FROM_FILE)'
-        each = calls["ball"].replace("-1", "link")
-        calls["ball"] = f"for link in range(-1, {len(links) - 1}):\n    {each}"
+        of_link = calls["ball"].replace("-1", "link")
+        calls["ball"] = f"for link in range(-1, {len(links) - 1}):\n    {of_link}"
     lines = [f"pybullet.setPhysicsEngineParameter({arguments(world)})", *before]
     for body, call in made.items():
         lines.append(f"{names[body]} = pybullet.{call}")

@@ -51,20 +51,23 @@ if TYPE_CHECKING:
 
 
 def overlap(scene: Scene, position: Floats, velocity: Floats) -> tuple[Floats, Floats, Floats]:
-    """(penetration, m; its rate, m/s; unit vector that leads deeper): no mesh, no engine.
+    """Penetration of a ball into the scene's plane or cup, m, (...), its rate, m/s, (...), and the
+    unit vector that leads deeper, (3,) on a plane, (..., 3) in a cup.
 
-    position, velocity: of the ball's centre, m and m/s, shape (..., 3). The first two results are
-    of shape (...); the vector is (3,) on a plane, (..., 3) in a cup.
+    They follow from the scene's numbers alone, whatever meshes the engine has.
+
+    position, velocity: of the ball's centre, m and m/s, (..., 3).
     """
     radius = scene.touch_radius
     down = np.array([0.0, 0.0, -1.0])
-    # Below the lowest point of the plate, or of the cup.
+    # Of the ball's lowest point below that of the plate or cup, m.
     depth = radius - position[..., 2]
     falling = -velocity[..., 2]
     if scene.form == "plane":
         return depth, falling, down
+    # Radius of the cup, m, whose lowest point is the origin.
     bowl = -scene.plate_radius
-    # From the centre of curvature.
+    # From the cup's centre of curvature to the ball's centre, m.
     away = position - np.array([0.0, 0.0, bowl])
     x = away[..., 0]
     y = away[..., 1]
@@ -74,7 +77,7 @@ def overlap(scene: Scene, position: Floats, velocity: Floats) -> tuple[Floats, F
     with np.errstate(all="ignore"):
         out = (x * velocity[..., 0] + y * velocity[..., 1] + z * velocity[..., 2]) / distance
         deeper = np.where(z[..., None] >= 0.0, down, away / distance[..., None])
-    # Above the centre: height over the lowest point.
+    # Above the centre of curvature the height over the lowest point counts.
     is_above = z >= 0.0
     penetration = np.where(is_above, depth, distance - (bowl - radius))
     rate = np.where(is_above, falling, out)
@@ -82,12 +85,11 @@ def overlap(scene: Scene, position: Floats, velocity: Floats) -> tuple[Floats, F
 
 
 def tangential_rows(scene: Scene, timestep: float, motion: Floats, deeper: Floats) -> Floats:
-    """Motion along the plate in each step, (8, b, n): slip 2 m/s, spin 3 rad/s,
-    friction 2 N, other energy J.
+    """Motion of b balls along the plate in each of n steps, (8, b, n): slip, 2 numbers, m/s; spin, 3,
+    rad/s; friction, 2, N; and the kinetic energy without the approach's, J.
 
-    timestep: s.
-    motion: velocity and spin before all steps and after each, (n + 1, b, 2, 3).
-    deeper: unit vectors into the plate, (..., 3).
+    timestep: s. motion: velocity, m/s, and spin, rad/s, before all steps and after each,
+    (n + 1, b, 2, 3). deeper: unit vectors into the plate, (..., 3).
     """
     velocity = motion[:-1, :, 0]
     spin = motion[:-1, :, 1]
@@ -98,12 +100,15 @@ def tangential_rows(scene: Scene, timestep: float, motion: Floats, deeper: Float
 
 
 def force_from_momentum(scene: Scene, timestep: float, velocity: Floats, deeper: Floats) -> Floats:
-    """Normal force of each step, N, shape (n, b), from velocities of shape (n + 1, b, 3); exactly 0
-    where the contact did not act.
+    """Normal force on b balls in each of n steps, N, (n, b), from what it did to their momentum;
+    exactly 0 where the contact did not act.
 
-    timestep: s. deeper: unit vectors into the plate, (3,) or (n, b, 3).
+    timestep: s. velocity: before all steps and after each, m/s, (n + 1, b, 3). deeper: unit vectors
+    into the plate, (3,) or (n, b, 3).
     """
+    # Speed that gravity adds in a step, m/s.
     fall = scene.gravity * timestep
+    # By the contact alone.
     gained = np.diff(velocity, axis=0)
     gained[..., 2] += fall
     slowed = -(gained * deeper).sum(axis=-1)
@@ -149,7 +154,12 @@ class PybulletWorld(World):
     def __init__(
         self, scene: Scene, timestep: float, options: PybulletOptions, fastest: float
     ) -> None:
-        """Set up the world for impacts at up to `fastest` m/s with steps of `timestep` s."""
+        """Set up the world in this process, a worker of hcbench.
+
+        timestep: s. fastest: speed of impacts, m/s, up to which a force law must be resolved.
+        Raises SceneError where the scene's URDFs are missing or not as it says, SettingError for
+        links in a cup or a law that the step does not resolve, EngineFailed where PyBullet fails.
+        """
         assert in_worker(), "PyBullet's settings are global: they would leak into the user's own"
         self.scene = scene
         self.options = options
@@ -171,16 +181,16 @@ class PybulletWorld(World):
 
     @cached_property
     def recorder(self) -> plugin.Recorder | None:
-        """Recorder of the compiled plug-in, which steps and reads the balls;
-        None if a force must be reported.
+        """The compiled recorder, which steps and reads the balls; None where it cannot be compiled, or
+        where forces must be read from Bullet.
         """
         return None if self.reports_force else plugin.recorder(self.bullet)
 
     def release(self, launches: Sequence[Launch]) -> PybulletSimulation:
-        """A ball where each launch starts and any others far away, with nothing remembered.
+        """Put a ball where each launch starts, and the others far away, as if nothing had been before.
 
-        Ends the simulation before: all use the same balls. Raises EngineFailed where PyBullet
-        fails, CannotShareError for several launches of which one is oblique.
+        This ends an earlier simulation, which used the same balls. Raises EngineFailed where
+        PyBullet fails, CannotShareError for several launches of which one is oblique.
         """
         oblique = any(launch.is_oblique for launch in launches)
         # Bullet's sweeps over friction depend on all balls.
@@ -203,7 +213,7 @@ class PybulletWorld(World):
         return PybulletSimulation(self, len(launches), oblique)
 
     def _add_balls(self, count: int) -> None:
-        """So many more balls like the first; none of them collides with another."""
+        """Add `count` balls like the first; balls do not collide with each other."""
         if count <= 0:
             return
         for _ in range(count):
@@ -216,14 +226,14 @@ class PybulletWorld(World):
         self.bullet.setCollisionFilterGroupMask(self.plate, -1, _PLATE, _PLATE | _BALLS)
 
     def _add_law(self, ball: int) -> None:
-        """Let the setting's law act between a ball and the plate; a
-        setting without one changes nothing.
+        """Let the setting's law, if it has one, act between a ball and the plate.
 
-        Raises SettingError for a force law that the step does not resolve.
+        ball: its id. Raises SettingError for a force law that the step does not resolve.
         """
         law = self.options.law
         if law is None:
             return
+        # Radius and centre of curvature, m.
         cup = None
         if self.scene.form == "cup":
             bowl = -self.scene.plate_radius
@@ -239,8 +249,8 @@ class PybulletWorld(World):
         self._laws.append(made)
 
     def _step(self) -> Step:
-        """A function that takes a step; it returns the normal force, N, on each ball if
-        `reports_force`.
+        """The function that takes a step of the world; if `reports_force`, it returns the normal force
+        on each ball, N, else None.
         """
         move: Step = self.bullet.stepSimulation
         if not self.reports_force:
@@ -248,11 +258,13 @@ class PybulletWorld(World):
         if self._laws:
 
             def step_with_law() -> Sequence[float]:
+                """Take a step, and return the law's force on each ball, N."""
                 move()
                 return [plugin.force(law, client=self.bullet.client) for law in self._laws]
 
             return step_with_law
         parts = (self.options.ball, self.options.plate)
+        # Distance up to which Bullet solves for a contact, m.
         reach = min(part.get("contactProcessingThreshold", math.inf) for part in parts)
         contacts = self.bullet.getContactPoints
 
@@ -274,13 +286,18 @@ class PybulletWorld(World):
 
 
 class PybulletSimulation(Simulation):
-    """Launches under way; the position of one that is alone is read, of
-    several worked out and checked.
+    """Launches of a PyBullet world under way.
 
-    oblique: whether to look along the plate too.
+    The position of a launch that is alone is read after each step; those of several are worked out
+    from their velocities, and checked at the end of each chunk.
     """
 
     def __init__(self, world: PybulletWorld, count: int, oblique: bool) -> None:
+        """Take up launches whose balls are in place.
+
+        count: of launches, which have the world's first balls. oblique: whether to record the
+        motion along the plate, too.
+        """
         self._world = world
         self._reads_position = count == 1
         self._oblique = oblique
@@ -292,18 +309,20 @@ class PybulletSimulation(Simulation):
     def advance(self, steps: int) -> Record:
         """Take `steps` steps of all balls, and return their record.
 
-        Raises CannotShareError where one is not where its velocity took it, EngineFailed where
+        Raises CannotShareError where a ball is not where its velocities take it, EngineFailed where
         PyBullet fails.
         """
         world = self._world
         with foreign_errors("pybullet", world.bullet.error):
             forces, positions, motions = self._step(steps)
+        # Velocity and spin, and position, before all steps and after each.
         motion = np.concatenate([self._motion[None], np.reshape(motions, (steps, -1, 2, 3))])
         v = motion[:, :, 0]
         if self._reads_position:
             p = np.concatenate([self._position[None], np.reshape(positions, (steps, -1, 3))])
         else:
             moved = world.timestep * v[1:]
+            # Bullet adds up in the same order: equal to the bit, unless balls disturb each other.
             p = np.cumsum(np.concatenate([self._position[None], moved]), axis=0)
         self._position = p[-1]
         self._motion = motion[-1]
@@ -332,15 +351,16 @@ class PybulletSimulation(Simulation):
         return np.array([place(self._world.balls[i])[0] for i in self._which])
 
     def _motions(self) -> Floats:
-        """Velocity and spin of each ball, shape (b, 2, 3)."""
+        """Velocity, m/s, and spin, rad/s, of each ball, (b, 2, 3)."""
         motion = self._world.bullet.getBaseVelocity
         return np.array([motion(self._world.balls[i]) for i in self._which])
 
     def _step(self, steps: int) -> tuple[list[Any], Any, Any]:
-        """(forces that each step reported, N; positions, m; velocities m/s and spins rad/s) after
-        each step, in the order of steps, then balls.
+        """Take `steps` steps, and return what was read in each: forces, N; positions, m; velocities,
+        m/s, with spins, rad/s; in the order of steps, then balls.
 
-        Positions are [] where they are not read. With the compiled recorder forces are [].
+        Forces are those of all balls of the world, and None or [] where no step reports them;
+        positions are [] where they are not read.
         """
         step = self._world.step
         bullet = self._world.bullet
@@ -368,7 +388,7 @@ class PybulletSimulation(Simulation):
 def _set_up(
     bullet: BulletClient, scene: Scene, timestep: float, options: PybulletOptions
 ) -> tuple[int, int]:
-    """Empty the world, load ball and plate, set the options, and return the two ids.
+    """Empty a client's world, load ball and plate, set the options, and return the ids of the two.
 
     timestep: s. Raises SceneError where the URDFs are missing or not as the scene says,
     SettingError for links in a cup.
@@ -394,8 +414,10 @@ def _set_up(
 
 
 def _make_ready(bullet: BulletClient, scene: Scene, options: PybulletOptions, ball: int) -> None:
-    """Give a ball the scene's mass (kg) and inertia (kg m²), its friction,
-    and the setting's keywords.
+    """Give a ball the scene's mass, kg, friction, and with friction its inertia, kg m², then the
+    setting's keywords.
+
+    ball: its id.
     """
     # With friction the ball turns, and its inertia is not what Bullet makes of the sphere.
     if scene.friction:
@@ -438,10 +460,10 @@ def _load(bullet: BulletClient, scene: Scene, role: str, maximal: bool) -> int:
 
 
 def _load_links(bullet: BulletClient, scene: Scene, options: PybulletOptions) -> int:
-    """The id of a new ball with the links of these options, loaded from a URDF made for it.
+    """Load a ball with the links of a setting from a URDF made for it, and return its id.
 
-    Raises SettingError in a cup, SceneError for links that start as deep
-    as the ball's radius or deeper.
+    Raises SettingError in a cup, SceneError for links that start as deep as the ball's radius or
+    deeper.
     """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ball.urdf"
@@ -452,14 +474,15 @@ def _load_links(bullet: BulletClient, scene: Scene, options: PybulletOptions) ->
 
 
 def _check_shapes(bullet: BulletClient, scene: Scene, ball: int, plate: int) -> None:
-    """Require that Bullet sees the overlap that the scene says: radii, frames and meshes are right
-    then. Moves the ball.
+    """Require that Bullet sees the overlap of ball and plate that the scene says, by SceneError:
+    radii, frames and meshes are right then. Moves the ball.
 
-    ball, plate: ids. Raises SceneError where it does not.
+    ball, plate: ids.
     """
+    # m.
     overlap = 1e-5
     _place(bullet, ball, np.array([0.0, 0.0, scene.touch_radius - overlap]))
-    seen = [-point[8] for point in bullet.getClosestPoints(ball, plate, 0.0)]
+    seen = [-point[DISTANCE] for point in bullet.getClosestPoints(ball, plate, 0.0)]
     if not seen or abs(max(seen) - overlap) > _SHAPE_TOLERANCE:
         depth = f"{max(seen):.3e} m" if seen else "none"
         raise SceneError(

@@ -34,10 +34,11 @@ _MIXING = {"solref": "mixes the solref", "solimp": "averages the solimp"}
 
 
 def mixing(context: Context) -> Iterator[Suspect]:
-    """Suspect that solref and solimp of the geoms do not arrive in the contact as written.
+    """Suspect that the contact does not have the solref and solimp that the geoms were given.
 
-    By the override flag, else by a geom's higher priority, else by MuJoCo's mixing of the two.
-    Nothing for a <pair>, whose parameters MuJoCo takes as they are.
+    The override flag replaces them; else a geom with a higher priority decides alone; else MuJoCo
+    mixes those of the two geoms. Yields one suspect for the first that applies, two for a mixture;
+    nothing for a <pair>, whose parameters MuJoCo takes as they are.
     """
     model = context.model
     written = context.written
@@ -59,15 +60,17 @@ def mixing(context: Context) -> Iterator[Suspect]:
     lost = {name: value for name, value in values.items() if not same(*value)}
     geoms = context.all_geoms
     apply = partial(fixes.set_contact, geoms=geoms, solref=written.solref, solimp=written.solimp)
-    ranks = [int(model.geom_priority[g]) for g in context.geoms]
-    if lost and ranks[0] != ranks[1]:
-        loser, winner = sorted((0, 1), key=lambda i: ranks[i])
-        names = [geom_name(model, g) for g in context.geoms]
+    lower, higher = sorted(context.geoms, key=lambda geom: int(model.geom_priority[geom]))
+    low = int(model.geom_priority[lower])
+    high = int(model.geom_priority[higher])
+    if lost and low != high:
+        winner = geom_name(model, higher)
+        loser = geom_name(model, lower)
         yield Suspect(
             "priority",
-            f"Geom {names[winner]!r} has priority: the parameters of {names[loser]!r} are not used.",
-            f"priority {ranks[winner]} over {ranks[loser]}; solref is now {numbers(solref)}",
-            f'{names[loser]}: priority="{ranks[winner] + 1}"',
+            f"Geom {winner!r} has priority: the parameters of {loser!r} are not used.",
+            f"priority {high} over {low}; solref is now {numbers(solref)}",
+            f'{loser}: priority="{high + 1}"',
             apply,
         )
         return
@@ -82,10 +85,11 @@ def mixing(context: Context) -> Iterator[Suspect]:
 
 
 def refsafe(context: Context) -> Iterator[Suspect]:
-    """Suspect a time constant of solref so short that MuJoCo replaces it.
+    """Suspect a time constant of solref so short that MuJoCo replaces it by a longer one.
 
-    Below two steps; under the integrator discrete, below one step with the damping ratio. Nothing
-    for a solref in the direct format, which has none, or with refsafe off.
+    That is one below two steps; under the integrator discrete, one whose product with the damping
+    ratio is below one step. Nothing for a solref in the direct format, which has no time constant,
+    or with the flag refsafe off.
     """
     solref = context.place.contact.rows[0].solref
     constant, ratio = solref
@@ -112,10 +116,10 @@ def refsafe(context: Context) -> Iterator[Suspect]:
 
 
 def solref(context: Context) -> Iterator[Suspect]:
-    """Suspect the solref, as its author wrote it, of asking for another bounce than is wanted.
+    """Suspect that the solref, as its author wrote it, asks for another bounce than the target.
 
-    MuJoCo's default, and one without spring and damper, are suspected in any case; others where e
-    is wanted and theirs differs by _NOTABLE.
+    MuJoCo's default, and a solref without spring and damper, are suspected in any case; others
+    where there is a target e and that of the solref differs from it by _NOTABLE or more.
     """
     if context.written is None:
         return
@@ -152,11 +156,12 @@ def solref(context: Context) -> Iterator[Suspect]:
 
 
 def _restitution_fix(context: Context, e: float) -> tuple[str, Callable[[Any], None]]:
-    """(text for the user, change of a copy of the model) of the fix that gives the contact this e.
+    """The fix that gives the contact this e: text for the user, and a function that makes the fix in
+    a copy of the model.
 
-    A bounce in one step shows the cause for any pair, but is handed out for pairs without friction
-    alone: its damper of (1 + e)/h turns the slip of what slides into bounce, 46 mm high for a box
-    at 1 m/s. `tune` writes rows that slide, too.
+    The copy has a bounce in one step, which shows the cause for any pair. The text has it for pairs
+    without friction alone, because its damper of (1 + e)/h turns slip into bounce, 46 mm high for a
+    box that slides at 1 m/s; with friction it has rows as `tune` writes them.
     """
     apply = partial(fixes.set_restitution, geoms=context.all_geoms, e=e)
     if geom_friction(context.model, context.geoms) > 0.0:
@@ -170,10 +175,9 @@ def _restitution_fix(context: Context, e: float) -> tuple[str, Callable[[Any], N
 
 
 def solimp(context: Context) -> Iterator[Suspect]:
-    """Suspect a solimp that takes a share off spring and damper, or that MuJoCo does not use as
-    written.
-
-    A power at which MuJoCo's impedance is NaN, an impedance that begins low, one that is clamped.
+    """Suspect a solimp that weakens spring and damper, or that MuJoCo does not use as written: a
+    power so high that MuJoCo's impedance is NaN, else an impedance that begins below its final
+    value, and one outside MuJoCo's bounds. Up to two suspects.
     """
     if context.used is None or context.written is None:
         return
@@ -201,7 +205,8 @@ def solimp(context: Context) -> Iterator[Suspect]:
 
 
 def _clamped(context: Context, contact: SoftConstraint) -> Iterator[Suspect]:
-    """Suspect MuJoCo's clamping of impedances, if it changes e at a launch speed by over _NOTABLE.
+    """Suspect that MuJoCo holds impedances within its bounds, if that changes e at any launch speed
+    by more than _NOTABLE.
 
     contact: with the author's solimp and the solref that is used.
     """
@@ -231,10 +236,11 @@ _LIFT = 0.02
 
 
 def sliding_lift(context: Context) -> Iterator[Suspect]:
-    """Suspect friction of adding to the bounce of oblique impacts, if e grows by more than _LIFT.
+    """Suspect that friction adds to the bounce of oblique impacts, if one has an e that is more than
+    _LIFT above that of the contact without slip; the impact with the largest gain is named.
 
     In MuJoCo the acceleration apart grows by impedance times μ times that of the slip, so the
-    fix is a soft row. The impact with the largest gain is named.
+    fix is a soft row.
     """
     contact = context.used
     friction = geom_friction(context.model, context.geoms)
@@ -252,10 +258,10 @@ def sliding_lift(context: Context) -> Iterator[Suspect]:
     if worst is None or worst.tangential is None:
         return
     row, impratio = _soft_row(context, friction)
-    words = {"solref": row.solref, "solimp": row.solimp, "solreffriction": row.solreffriction}
+    parameters = {"solref": row.solref, "solimp": row.solimp, "solreffriction": row.solreffriction}
     # A <pair> that says nothing of friction has MuJoCo's default, not that of its geoms.
     attributes = ['condim="3"', f'friction="{friction:g} {friction:g}"']
-    for name, values in words.items():
+    for name, values in parameters.items():
         attributes.append(f'{name}="{numbers_text(values, "{:.6g}".format)}"')
     pair = " ".join(attributes)
     slip = math.hypot(*worst.tangential.slip_in)
@@ -273,11 +279,13 @@ def sliding_lift(context: Context) -> Iterator[Suspect]:
 def pyramidal_cone(
     model: Any, impacts: Sequence[Impact], friction: float
 ) -> tuple[Impact, Suspect] | None:
-    """(impact in which friction is weakest although the body slides on, suspect of the cone).
+    """Suspect that the pyramidal friction cone holds a sliding body too little: the impact in which
+    friction is weakest although the body slides on, and the suspect.
 
     friction: Coulomb's μ of the two geoms.
-    None where no friction is short of μ by the share WEAK. Along the diagonal of the pyramid
-    friction is 29 % below Coulomb's. The suspect's evidence is "": the caller tries the fix first.
+    None for another cone, and where no impact's friction is below μ by the share WEAK. Along the
+    diagonal of the pyramid friction is 29 % below Coulomb's. The suspect has no evidence, "": the
+    caller tries the fix first.
     """
     if int(model.opt.cone) != int(backend().mjtCone.mjCONE_PYRAMIDAL) or not friction:
         return None
@@ -308,9 +316,10 @@ def _slides_on(along: Tangential) -> bool:
 
 
 def _soft_row(context: Context, friction: float) -> tuple[ConstraintRow, float]:
-    """(row of a few steps with the e that is wanted, the impratio that it needs).
+    """A contact row that lasts a few steps, so soft that friction hardly lifts a sliding body, with
+    the e of the context's goal; and the impratio that it needs.
 
-    friction: Coulomb's μ. The row is so soft that friction hardly lifts.
+    friction: Coulomb's μ, of which the row has its friction.
     """
     # Here, as it imports SciPy's searches.
     from hcbench.engines.mujoco.recipes.compliant import IMPRATIO, whole_step_row

@@ -115,9 +115,9 @@ class Context:
         return self.written.restitution(median) if self.written is not None else np.nan
 
     def goal(self) -> float:
-        """The one e that a pasted constant setting should have, for the impacts' speeds.
-
-        Of what is wanted; else of the author's own contact, if it bounces; else BOUNCY.
+        """The one e that a setting to paste should have: the target's middle e over the speeds of
+        the impacts; without a target, the e of the author's own contact if that is above 0.5; else
+        BOUNCY.
         """
         e = constant_e(self.impacts, self.wanted)
         # Where the model itself asks for a bounce, that is taken for what its author means.
@@ -135,9 +135,11 @@ def tuned_rows(context: Context, e: float) -> str:
 
 
 def written_contact(place: PairAtTouch) -> tuple[SoftConstraint | None, str]:
-    """(contact by the author's solref and solimp, the two in words).
+    """The contact as the author wrote its solref and solimp, before MuJoCo changes them, and the two
+    as text.
 
-    place: the pair at touch. None if the geoms of several points have different ones, which add up.
+    place: the pair at touch. None in place of the contact if the geoms of several points have
+    different ones, which add up.
     """
     rows = place.contact.rows
     model = place.pair.model
@@ -157,8 +159,8 @@ def _in_order(place: PairAtTouch, geoms: tuple[int, int]) -> tuple[int, int]:
 
 
 def _as_written(model: Any, geoms: tuple[int, int]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """(solref, solimp) that the author wrote for two geoms: of their <pair>, else of the first of
-    them, or of the second where the first has the default.
+    """solref and solimp that the author wrote for two geoms: those of their <pair>, else those of
+    the first geom, or of the second where the first has MuJoCo's default.
 
     geoms: numbers, the moving body's first.
     """

@@ -27,9 +27,8 @@ _SHOWN = 4
 
 
 def integrator(context: Context) -> Iterator[Suspect]:
-    """Suspect an integrator under which the contact does something else than its solref says.
-
-    RK4, where the solref turns a body back in one step, and discrete in any case.
+    """Suspect an integrator under which the contact has another e than its solref says: RK4 where
+    the solref turns a body back in one step, and discrete in any case. At most one suspect.
     """
     law = context.used
     if law is None or context.integrator not in ("RK4", "discrete"):
@@ -46,10 +45,11 @@ def integrator(context: Context) -> Iterator[Suspect]:
 
 
 def servo_damping(context: Context) -> Iterator[Suspect]:
-    """Suspect servos whose damping kv an implicit integrator applies to what the contact gives,
-    within the same step; at most one suspect. Nothing where actuators are off.
+    """Suspect servos whose damping kv an implicit integrator applies to the speed that the contact
+    gives, within the same step; at most one suspect, none where actuators are off.
 
-    It is named where its fix alone takes half of the error, even if others cure as well.
+    The suspect is reported where its fix alone takes half of the error, even if others cure as
+    well.
     """
     model = context.model
     off = context.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_ACTUATION
@@ -98,10 +98,9 @@ def solver(context: Context) -> Iterator[Suspect]:
 
 
 def resolution(context: Context) -> Iterator[Suspect]:
-    """Suspect a step that does not resolve the contact.
-
-    One at which the state diverges; else impacts that gain energy and, of a contact that is not
-    made to last one step, impacts of few steps.
+    """Suspect a time step too long for the contact: one at which the state diverges; else one at
+    which impacts gain energy; else, for a contact that is not made to last one step, one with few
+    steps in contact. At most one suspect.
     """
     law = context.used
     step = diagnose.StepFix(context.timestep, '<option timestep="{}"/>', fixes.set_options)
@@ -188,9 +187,8 @@ _DEEPER = 1.5
 
 
 def limits(context: Context) -> Iterator[Suspect]:
-    """Suspect limits of joints, and of tendons that tether a body, which take part in the bounce.
-
-    Named from the share NOTABLE_SHARE of the speed at touch on.
+    """Suspect limits of joints and tendons that act during the contact, if they change the speed at
+    touch by the share NOTABLE_SHARE or more; at most one suspect, which names them.
     """
     share = context.shares.get(LIMITS, 0.0)
     if abs(share) < NOTABLE_SHARE:
@@ -210,11 +208,11 @@ def limits(context: Context) -> Iterator[Suspect]:
 
 
 def _reached(context: Context) -> tuple[list[int], list[int]]:
-    """(numbers of joints, of tendons) at a limit where the contact is deepest; all limited ones of
-    the model if none is.
+    """Numbers of the joints and of the tendons that are at a limit when the contact is deepest; if
+    there are none, of all in the model that have limits.
 
-    Looked for in the pose at touch, moved on along the approach by _DEEPER times the largest
-    penetration.
+    They are looked for in the pose at touch, moved on along the approach by _DEEPER times the
+    largest penetration.
     """
     model = context.model
     place = context.place
@@ -235,9 +233,8 @@ def _reached(context: Context) -> tuple[list[int], list[int]]:
 
 
 def drives(context: Context) -> Iterator[Suspect]:
-    """Suspect actuators and equality constraints that push or hold during the contact.
-
-    Each from the share NOTABLE_SHARE of the speed at touch on.
+    """Suspect actuators, and equality constraints, that push or hold during the contact, each if it
+    changes the speed at touch by the share NOTABLE_SHARE or more. Up to two suspects.
     """
     flags = backend().mjtDisableBit
     for code, name, words, fix, flag in (
@@ -271,9 +268,11 @@ _FINER = 0.25
 
 
 def at_rest(context: Context) -> Iterator[Suspect]:
-    """Suspect a contact that yields to a weight, and a step that is too long for it.
+    """Suspect what lets a body lie deep or vibrate at rest: a contact that is too soft, and a step
+    that is too long for it.
 
-    The step always; the contact unless different ones add up. Callers try which of them matters.
+    Both are yielded without evidence that they matter, as callers try the fixes; but no soft
+    contact where several different ones add up.
     """
     if (law := context.used) is not None:
         low, high, *curve = law.solimp
