@@ -48,8 +48,8 @@ if TYPE_CHECKING:
 
 
 # Places in a ball's state: velocities come after the 7 positions of a free joint.
-_HEIGHT = 2
-_RISING = 7 + 2
+HEIGHT = 2
+RISING = 7 + 2
 # Steps between two looks at which launches have ended.
 _LOOK = 16
 # Once so many times fewer launches than began go on, the steps of the
@@ -94,8 +94,19 @@ class Copies(ABC):
         add = reader(np)
         while np.count_nonzero(reading.end == 0) > fewest and reading.steps.max() < most:
             for state in self.step(_LOOK):
-                reading = Reading(*add(state[:, _HEIGHT], state[:, _RISING], *rule, *reading))
+                reading = Reading(*add(state[:, HEIGHT], state[:, RISING], *rule, *reading))
         return reading
+
+    def place_balls(self, rest: Floats, heights: Floats, rising: Floats) -> Floats:
+        """Place balls that differ in height and in velocity upwards alone; both as the engine then
+        has them, (2, b).
+
+        rest: state of a ball at rest, (n,). heights: (b,), m. rising: (b,), m/s.
+        """
+        states = np.tile(rest, (len(heights), 1))
+        at = [HEIGHT, RISING]
+        states[:, at] = np.stack([heights, rising], axis=1)
+        return self.place(states)[:, at].T
 
     def place_first(self, states: Floats) -> Floats:
         """Place the first copies by their states, shape (b, n); the others follow the last of them."""
@@ -123,15 +134,13 @@ class CopiesWorld(BatchWorld):
         self.places = copies.places
         self.bits = copies.bits
         self.room = copies.room
-        self._at = [_HEIGHT, _RISING]
+        self._at = [HEIGHT, RISING]
 
     def place(self, heights: Floats, velocities: Floats) -> Floats:
         """Put the balls at heights, m, with velocities upwards, m/s; both as the engine then has
         them, (2, b).
         """
-        states = np.tile(self._rest, (len(heights), 1))
-        states[:, self._at] = np.stack([heights, velocities], axis=1)
-        return self._copies.place(states)[:, self._at].T
+        return self._copies.place_balls(self._rest, heights, velocities)
 
     def read(self, launches: Launches) -> Impacts:
         """The impacts of launches, in order, read while they are stepped together until few have

@@ -35,6 +35,8 @@ _STILL = 1.1
 # below which they have settled.
 _SWEEPS = 100
 _SETTLED = 1e-6
+# Contacts that one sweep, or several, are written out for in a compiled step.
+_UNROLLED = 16
 # e of eq. (16) depends on α v alone: its table, which is straight between the points to 3e-7.
 _NUMBERS = np.concatenate([[0.0], np.geomspace(1e-6, 1e3, 8000)])
 _E = np.clip(Restitution(1.0).at(_NUMBERS), 0.0, 1.0)
@@ -271,7 +273,11 @@ def _touch(laws: _Laws, model: Any, data: Any) -> _Touch:
     law = jnp.array(laws.pair_of)[contact.geom[:, 0], contact.geom[:, 1]]
     law = jnp.where(depth > 0.0, law, -1)
     friction = contact.friction[:, :2] * (jnp.array(contact.dim) > 1)[:, None]
-    factor = jax.scipy.linalg.cho_factor(mjx.full_m(model, data))
+    # MJX keeps a dense M⁻¹ as its Cholesky factor.
+    if mjx.is_sparse(model):
+        factor = jax.scipy.linalg.cho_factor(mjx.full_m(model, data))
+    else:
+        factor = (data._impl.qLD, False)
     moves = jax.scipy.linalg.cho_solve(factor, rows.reshape(-1, model.nv).T).T
     return _Touch(law, depth, friction, rows, moves.reshape(rows.shape))
 
@@ -368,6 +374,7 @@ def _impulses(touch: _Touch, rates: Any, target: Any) -> Any:
     import jax.numpy as jnp
 
     count = target.size
+    together = max(1, _UNROLLED // count)
     couples = jnp.einsum("ikv,jlv->ikjl", touch.rows, touch.moves)
     own = jnp.einsum("ikik->ik", couples)
     acts = (touch.law >= 0) & (own[:, 0] > 0.0)
@@ -393,10 +400,15 @@ def _impulses(touch: _Touch, rates: Any, target: Any) -> Any:
         return impulse.at[i].set(new), jnp.maximum(change, moved)
 
     def sweep(carry: Any) -> Any:
+        """Go over all contacts together so many times: a GPU waits at each look whether all is
+        settled, and runs unrolled sweeps in one kernel.
+        """
         impulse, _, sweeps = carry
-        start = impulse, jnp.zeros_like(fastest)
-        impulse, change = jax.lax.fori_loop(0, count, solve_contact, start)
-        return impulse, change, sweeps + 1
+        for _ in range(together):
+            start = impulse, jnp.zeros_like(fastest)
+            unroll = count <= _UNROLLED or None
+            impulse, change = jax.lax.fori_loop(0, count, solve_contact, start, unroll=unroll)
+        return impulse, change, sweeps + together
 
     def goes_on(carry: Any) -> Any:
         _, change, sweeps = carry

@@ -17,7 +17,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,14 @@ from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact
 from hcbench.sim.read_impact import Reading, reader
 from hcbench.sim.scripted import batch_in, free_memory, law_text, no_gpu
-from hcbench.sim.shared_model import Copies, SharedModelEngine, changed, shared_recipes
+from hcbench.sim.shared_model import (
+    HEIGHT,
+    RISING,
+    Copies,
+    SharedModelEngine,
+    changed,
+    shared_recipes,
+)
 from hcbench.system.errors import SceneError, SettingError
 from hcbench.system.files import user_folder
 from hcbench.system.text import shortest
@@ -147,7 +154,7 @@ class MjxEngine(DescribesContact, SharedModelEngine):
             on_device,
             empty.replace(**held),
             bits,
-            *_compiled(law or "step = mjx.step", radius, bits, model if _OWN in law else None),
+            _compiled(law or "step = mjx.step", radius, bits, model if _OWN in law else None),
         )
         if device:
             memory = (chosen.memory_stats() or {}).get("bytes_limit") or free_memory()
@@ -179,49 +186,66 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         return Vocabulary(rows, caveats=_CAVEATS)
 
 
+class _Functions(NamedTuple):
+    """Compiled functions of copies of one model.
+
+    place: puts them into states. place_balls: puts balls at heights, with velocities upwards.
+    run: takes steps and records them. read: takes steps and reads impacts instead.
+    """
+
+    place: Any
+    place_balls: Any
+    run: Any
+    read: Any
+
+
 class MjxCopies(Copies):
     """Copies of a model in one vmap."""
 
     places = _PLACES
 
-    def __init__(self, model: Any, empty: Any, bits: int, place: Any, run: Any, read: Any) -> None:
+    def __init__(self, model: Any, empty: Any, bits: int, functions: _Functions) -> None:
         """Keep what `place`, `step` and `read_on` need.
 
         model, empty: MJX's Model, and Data at the start, both on the device.
         bits: of their numbers, 32 or 64.
-        place, run, read: the functions of `_compiled`.
+        functions: of this model's kind, compiled.
         """
         self.bits = bits
         self._model = model
         self._empty = empty
-        self._place = place
-        self._run = run
+        self._functions = functions
         self.kind = np.dtype(f"f{bits // 8}").type
-        self._read = read
 
     def place(self, states: Floats) -> Floats:
         """Put the copies into new states."""
         rounded = states.astype(f"f{self.bits // 8}")
-        self._data = self._place(self._empty, rounded)
+        self._data = self._functions.place(self._empty, rounded)
         return rounded.astype(np.float64)
+
+    def place_balls(self, rest: Floats, heights: Floats, rising: Floats) -> Floats:
+        """Put balls into states that are made on the device: two numbers of each are sent."""
+        balls = np.stack([heights, rising]).astype(self.kind)
+        self._data = self._functions.place_balls(self._empty, rest.astype(self.kind), *balls)
+        return balls.astype(np.float64)
 
     def step(self, steps: int) -> Floats:
         """Up to as many steps as the buffer takes."""
         count = min(steps, _BUFFER)
-        self._data, path = self._run(self._model, self._data, count)
+        self._data, path = self._functions.run(self._model, self._data, count)
         return np.asarray(path, np.float64)[:count]
 
     def read_on(self, rule: Rule, reading: Reading, fewest: int, most: int) -> Reading:
         """Step and read balls on the device; nothing is sent back between steps."""
-        self._data, reading = self._read(self._model, self._data, rule, reading, fewest, most)
+        self._data, reading = self._functions.read(
+            self._model, self._data, rule, reading, fewest, most
+        )
         return Reading(*map(np.asarray, reading))
 
 
 @lru_cache(maxsize=16)
-def _compiled(step_text: str, radius: float, bits: int, own: Any) -> tuple[Any, Any, Any]:
-    """(place, run, read): compiled functions that put copies into states, take steps and record
-    them, or take steps and read impacts instead; made once for each law, radius, precision and
-    model of its own.
+def _compiled(step_text: str, radius: float, bits: int, own: Any) -> _Functions:
+    """The functions of copies, compiled once for each law, radius, precision and model of its own.
 
     step_text: lines that define `step(model, data)`. radius: of the ball, m. bits: 32 or 64.
     own: the MjModel that the lines of e(v) read; None of others.
@@ -245,6 +269,9 @@ def _compiled(step_text: str, radius: float, bits: int, own: Any) -> tuple[Any, 
     def place(empty: Any, state: Any) -> Any:
         return empty.replace(qpos=state[: empty.qpos.size], qvel=state[empty.qpos.size :])
 
+    def place_ball(empty: Any, rest: Any, height: Any, rising: Any) -> Any:
+        return place(empty, rest.at[HEIGHT].set(height).at[RISING].set(rising))
+
     def read(model: Any, data: Any, rule: Any, reading: Any, fewest: int, most: int) -> Any:
         """(data, reading) after up to `most` steps, or once at most `fewest` balls go on."""
 
@@ -259,7 +286,12 @@ def _compiled(step_text: str, radius: float, bits: int, own: Any) -> tuple[Any, 
         return jax.lax.while_loop(goes_on, one, (data, reading))
 
     add = reader(jnp)
-    return jax.jit(jax.vmap(place, in_axes=(None, 0))), jax.jit(run), jax.jit(read)
+    return _Functions(
+        place=jax.jit(jax.vmap(place, in_axes=(None, 0))),
+        place_balls=jax.jit(jax.vmap(place_ball, in_axes=(None, None, 0, 0))),
+        run=jax.jit(run),
+        read=jax.jit(read),
+    )
 
 
 _FORCE = """\
