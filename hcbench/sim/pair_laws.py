@@ -63,9 +63,7 @@ def laws_of(model: Any, pairs: Pairs) -> Laws:
     """
     if type(model).__name__ != "MjModel":
         raise UserError("model", f"a {type(model).__name__}", "an MjModel")
-    integrator = _INTEGRATORS[int(model.opt.integrator)]
-    if integrator not in _ONE_FORCE:
-        raise SettingError("integrator", integrator, "Euler or implicitfast")
+    require_one_force(model.opt.integrator)
     if not pairs:
         raise UserError("pairs", "none", 'two names and a law, as {("ball", "floor"): 0.3}')
     pair_of = np.full((model.ngeom, model.ngeom), -1)
@@ -84,6 +82,13 @@ def laws_of(model: Any, pairs: Pairs) -> Laws:
         values.append(number_of)
         readings.append(reading)
     return Laws(pair_of, np.array(values), np.array(readings))
+
+
+def require_one_force(number: int) -> None:
+    """Raise SettingError for an integrator, by its number in MJCF models, that was not tried."""
+    integrator = _INTEGRATORS[int(number)]
+    if integrator not in _ONE_FORCE:
+        raise SettingError("integrator", integrator, "Euler or implicitfast")
 
 
 def _read(names: tuple[str, str], value: Value) -> tuple[float, int]:

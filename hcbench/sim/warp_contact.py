@@ -12,10 +12,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from hcbench.sim.pair_laws import E, Laws
+from hcbench.sim.pair_laws import E, Laws, require_one_force
 from hcbench.system.errors import SettingError, UserError
 
-# Numbers of the engine's options.
+# Numbers of options of compiled MJCF models.
 _PYRAMIDAL = 0
 _SLEEP = 1 << 5
 
@@ -38,11 +38,13 @@ class WarpImpacts:
 
         engine_step: steps m and d, its model and data on a device. values: array there of α (s/m)
         or e of each pair, (worlds or 1, pairs); None: those of the laws. Raises UserError for
-        values of another shape, SettingError for contacts that the engine is given.
+        values of another shape, and another model; SettingError for options of `m` with which
+        contacts are not found once a step.
         """
         from hcbench.sim import warp_kernels
 
         warp = warp_kernels.wp
+        require_one_force(m.opt.integrator)
         if not m.opt.run_collision_detection:
             raise SettingError("run_collision_detection", "False", "True: contacts of the engine")
         laws, defaults = self._laws_on(d.qpos.device)
@@ -110,13 +112,17 @@ class WarpImpacts:
     def _room(self, m: Any, d: Any) -> tuple[Any, Any, Any]:
         """(contacts, room for the numbers of a step, rows of the inertia matrix) of these worlds.
 
-        Raises SettingError for worlds that sleep, in which contacts are found in two parts.
+        Raises UserError for another model than the laws', SettingError for worlds that sleep, in
+        which contacts are found in two parts.
         """
         if d.qpos in self._rooms:
             return self._rooms[d.qpos]
         from hcbench.sim import warp_kernels
 
         warp = warp_kernels.wp
+        geoms = len(self._laws.pair_of)
+        if m.ngeom != geoms:
+            raise UserError("m", f"a model of {m.ngeom} geoms", f"that of the pairs, of {geoms}")
         if int(m.opt.enableflags) & _SLEEP:
             raise SettingError("enableflags", "sleep", "a model without")
         found = warp_kernels.Found()

@@ -227,21 +227,8 @@ def _solve(inertia: Inertia, world: int, contact: int, room: Room) -> None:
 
 
 @wp.func
-def _velocity(
-    point: wp.vec3,
-    body: int,
-    dof: int,
-    world: int,
-    body_rootid: wp.array[int],
-    body_isdofancestor: wp.array2d[int],
-    subtree_com: wp.array2d[wp.vec3],
-    cdof: wp.array2d[wp.spatial_vector],
-) -> wp.vec3:
-    """Velocity of a point of a body, m/s, over that of a degree of freedom."""
-    if body_isdofancestor[body, dof] == 0:
-        return wp.vec3(0.0)
-    motion = cdof[world, dof]
-    arm = point - subtree_com[world, body_rootid[body]]
+def _velocity(motion: wp.spatial_vector, arm: wp.vec3) -> wp.vec3:
+    """Velocity at the end of an arm, m/s, of a motion about its start: angular, then linear."""
     return wp.spatial_bottom(motion) + wp.cross(wp.spatial_top(motion), arm)
 
 
@@ -268,7 +255,7 @@ def _force_before(found: Found, room: Room, contact: int, slip: float, timestep:
 @wp.func
 def _restitution(laws: Laws, reading: int, value: float, speed: float) -> float:
     if reading == _CONSTANT:
-        return value
+        return wp.clamp(value, 0.0, 1.0)
     number = value * speed
     if reading == _LINEAR:
         return wp.clamp(1.0 - number, 0.0, 1.0)
@@ -278,6 +265,48 @@ def _restitution(laws: Laws, reading: int, value: float, speed: float) -> float:
     point = wp.min(int(place), _POINTS - 2)
     share = wp.min(place - float(point), 1.0)
     return (1.0 - share) * laws.e[point + 1] + share * laws.e[point + 2]
+
+
+@wp.func
+def _parting(
+    laws: Laws,
+    reading: int,
+    value: float,
+    approach: float,
+    depth: float,
+    presses: float,
+    timestep: float,
+) -> float:
+    """Rate, m/s, at which a contact parts, so that e is that of the speed at the touch plane.
+
+    Steps that move by the new velocity keep U² = (v + b h/2)² - 2 b x in flight, U the speed at the
+    plane x = 0, b = `presses`. A contact that touched before this step has the e of v.
+    """
+    half = presses * timestep / 2.0
+    speed = approach + half
+    if depth <= timestep * approach * (1.0 + 1e-5):
+        lift = 2.0 * presses * depth
+        at_plane = wp.sqrt(wp.max(speed * speed - lift, 0.0))
+        out = _restitution(laws, reading, value, at_plane) * at_plane
+        return wp.sqrt(out * out + lift)
+    return _restitution(laws, reading, value, approach) * approach - half
+
+
+@wp.func
+def _weight(
+    normal: wp.vec3, gravity: wp.vec3, body1: int, body2: int, body_weldid: wp.array[int]
+) -> float:
+    """Acceleration, m/s², of the weight of either body alone against the other.
+
+    normal: from the first body to the second.
+    """
+    along = wp.dot(normal, gravity)
+    weight = float(0.0)
+    if body_weldid[body1] != 0:
+        weight = wp.max(weight, along)
+    if body_weldid[body2] != 0:
+        weight = wp.max(weight, -along)
+    return weight
 
 
 @wp.kernel
@@ -315,14 +344,15 @@ def aim(
     frame = found.frame[i]
     body1 = geom_bodyid[found.geom[i][0]]
     body2 = geom_bodyid[found.geom[i][1]]
+    arm1 = found.pos[i] - subtree_com[world, body_rootid[body1]]
+    arm2 = found.pos[i] - subtree_com[world, body_rootid[body2]]
     for v in range(size):
-        one = _velocity(
-            found.pos[i], body1, v, world, body_rootid, body_isdofancestor, subtree_com, cdof
-        )
-        two = _velocity(
-            found.pos[i], body2, v, world, body_rootid, body_isdofancestor, subtree_com, cdof
-        )
-        row = frame * (two - one)
+        motion = cdof[world, v]
+        row = wp.vec3(0.0)
+        if body_isdofancestor[body1, v] != 0:
+            row -= frame * _velocity(motion, arm1)
+        if body_isdofancestor[body2, v] != 0:
+            row += frame * _velocity(motion, arm2)
         room.rows[i, v] = row
         room.moves[i, v] = row
     _solve(inertia, world, i, room)
@@ -338,39 +368,24 @@ def aim(
         moved += row[0] * qacc[world, v]
     # Of gravity, motors and springs, as the step before had them.
     presses = wp.max(pushed, 0.0)
-    # The weight of either body alone, and all other forces of the step before: a foot may be
-    # pressed through a joint's limit, a body by others that lie on it.
-    along = wp.dot(wp.transpose(frame) * wp.vec3(1.0, 0.0, 0.0), gravities[world % gravities.shape[0]])
-    weight = float(0.0)
-    if body_weldid[body1] != 0:
-        weight = wp.max(weight, along)
-    if body_weldid[body2] != 0:
-        weight = wp.max(weight, -along)
+    # All other forces of the step before: a foot may be pressed through a joint's limit, a body by
+    # others that lie on it.
     slip = wp.length(wp.vec2(rate[1], rate[2]))
     others = own[0, 0] * _force_before(found, room, i, slip, timestep) - moved
+    gravity = gravities[world % gravities.shape[0]]
+    weight = _weight(
+        wp.transpose(frame) * wp.vec3(1.0, 0.0, 0.0), gravity, body1, body2, body_weldid
+    )
     load = wp.max(wp.max(presses, weight), others)
     calm = _STILL * timestep * load + 1e-9
-
-    # Steps that move by the new velocity keep U² = (v + b h/2)² - 2 b x in flight, U the speed at
-    # the touch plane x = 0, which e is of. A contact that touched before this step has the e of v.
-    approach = -rate[0]
+    value = values[world % values.shape[0], law]
     depth = found.margin[i] - found.dist[i]
     half = presses * timestep / 2.0
-    speed = approach + half
-    lift = float(0.0)
-    push = half
-    at_plane = approach
-    if depth <= timestep * approach * (1.0 + 1e-5):
-        lift = 2.0 * presses * depth
-        push = 0.0
-        at_plane = wp.sqrt(wp.max(speed * speed - lift, 0.0))
-    value = values[world % values.shape[0], law]
-    out = wp.clamp(_restitution(laws, laws.reading[law], value, at_plane), 0.0, 1.0) * at_plane
-    parts = wp.sqrt(out * out + lift) - push
+    parts = _parting(laws, laws.reading[law], value, -rate[0], depth, presses, timestep)
     # What neither collides nor parts comes no faster than it did: its own row lets it rest.
-    target = wp.min(-speed, 0.0)
-    if approach > calm:
-        target = wp.min(parts, speed)
+    target = wp.min(rate[0] - half, 0.0)
+    if -rate[0] > calm:
+        target = wp.min(parts, half - rate[0])
     room.rate[i] = rate - wp.vec3(half, 0.0, 0.0)
     room.own[i] = own
     room.target[i] = target
@@ -421,6 +436,27 @@ def _impulse_of(room: Room, world: int, i: int, friction: wp.vec2) -> wp.vec3:
     return wp.vec3(normal, sliding[0], sliding[1])
 
 
+@wp.func
+def _share(room: Room, world: int) -> float:
+    """Share of the impulses that adds no energy.
+
+    Their work is p.(u before + u after)/2, which is 0 at most.
+    """
+    before = float(0.0)
+    between = float(0.0)
+    i = room.first[world]
+    while i >= 0:
+        rate = wp.vec3(0.0)
+        for v in range(room.change.shape[1]):
+            rate += room.rows[i, v] * room.change[world, v]
+        before += wp.dot(room.impulse[i], room.rate[i])
+        between += wp.dot(room.impulse[i], rate)
+        i = room.following[i]
+    if between <= 0.0:
+        return 0.0
+    return wp.clamp(-2.0 * before / between, 0.0, 1.0)
+
+
 @wp.kernel
 def collide(found: Found, friction: wp.array[_Five], room: Room, qvel: wp.array2d[float]) -> None:
     """Let the contacts of each world collide, all at once: no contact parts slower than its target,
@@ -466,20 +502,7 @@ def collide(found: Found, friction: wp.array[_Five], room: Room, qvel: wp.array2
                     room.change[world, v] += wp.dot(room.moves[i, v], delta)
                 moved = wp.max(moved, wp.max(wp.abs(wp.cw_mul(delta, wp.get_diag(room.own[i])))))
             i = room.following[i]
-    # Work of the impulses: p.(u before + u after)/2, which a share of them makes 0 at most.
-    before = float(0.0)
-    between = float(0.0)
-    i = first
-    while i >= 0:
-        rate = wp.vec3(0.0)
-        for v in range(room.change.shape[1]):
-            rate += room.rows[i, v] * room.change[world, v]
-        before += wp.dot(room.impulse[i], room.rate[i])
-        between += wp.dot(room.impulse[i], rate)
-        i = room.following[i]
-    share = float(0.0)
-    if between > 0.0:
-        share = wp.clamp(-2.0 * before / between, 0.0, 1.0)
+    share = _share(room, world)
     for v in range(room.change.shape[1]):
         qvel[world, v] += share * room.change[world, v]
 
