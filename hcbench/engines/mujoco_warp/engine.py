@@ -22,15 +22,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
+from hcbench.laws.restitution import Restitution
 from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Integrators
 from hcbench.recipes.target import Target
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact
 from hcbench.sim.read_impact import EACH, WHOLE, Reading, Rule, reader
-from hcbench.sim.scripted import batch_in, free_memory, law_text, no_gpu, run_lines
+from hcbench.sim.scripted import batch_in, force_text, free_memory, no_gpu, run_lines
 from hcbench.sim.shared_model import Copies, SharedModelEngine, changed, shared_recipes
 from hcbench.system.errors import EngineFailed, SceneError
+from hcbench.system.text import shortest
 from hcbench.terms.setting import PAIR
 
 if TYPE_CHECKING:
@@ -80,15 +82,24 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
         return with_a_geom_each(super().script(scene, setting))
 
     def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
-        """MJCF, or the law's lines."""
+        """MJCF, or a script of a user's own with a law in it."""
         text = super().snippet(setting, form, pair)
+        if self.law(setting) is not None:
+            return _SCRIPT.format(text)
         if text.count("<pair ") > 1:
             text += "\n<!-- as geom1, each pair needs its own massless copy of the ball's geom -->"
         return text
 
     def law_lines(self, law: PythonLaw | None, pair: Pair = PAIR) -> str:
-        """Return the lines that add a law to a model."""
-        return law_text(law, _FORCE, _EACH)
+        """Lines that put a law into `model`, an MjModel, or into `m`, what MuJoCo Warp made of it;
+        they define `step`, which takes the place of `mjw.step`.
+        """
+        first, second = pair
+        if isinstance(law, Restitution):
+            return _EACH.format(
+                first=first, second=second, alpha=shortest(law.alpha), reading=law.reading
+            )
+        return force_text(law, _FORCE, first) if law else ""
 
     def copies(
         self,
@@ -103,7 +114,7 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
 
         model: MjModel. start: MjData of what states leave out.
         bits: unused, as Warp computes in float32.
-        law: lines that are run before the steps; "" for none.
+        law: lines that define the step; "" for MuJoCo Warp's own.
         radius: of the ball, m; 0 for a user's model.
         device: "cpu" or "gpu"; "" for the one that Warp prefers.
 
@@ -118,10 +129,10 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
             on_device = mujoco_warp.put_model(model)
         except (NotImplementedError, ValueError) as error:
             raise SceneError("model", f"MuJoCo Warp: {error}", "what it has of MuJoCo") from None
-        known = {"wp": warp, "mjw": mujoco_warp, "model": on_device, "R": radius, "np": np}
+        known = {"mjw": mujoco_warp, "model": model, "m": on_device}
         # A ball on a plane has few; a user's model may have any.
         most = int(model.npair) + 4 if radius else _MOST_CONTACTS
-        copies = WarpCopies(model, start, most, run_lines(law, known))
+        copies = WarpCopies(model, start, most, run_lines(law or "step = mjw.step", known))
         if device:
             copies.room = batch_in(where.free_memory if where.is_cuda else free_memory(), _BYTES)
         return copies
@@ -187,13 +198,13 @@ class WarpCopies(Copies):
         self._model = model
         self._start = start
         self._most = most
-        self._names = names
-        self._step = names["mjw"].step
-        self._before = names.get("before_step", lambda data: None)
+        self._engine = names["mjw"]
+        self._on_device = names["m"]
+        self._step = names["step"]
 
     def place(self, states: Floats) -> Floats:
         """Put the copies into states (b, nq + nv), SI; returns them rounded to float32."""
-        self._data = self._names["mjw"].put_data(
+        self._data = self._engine.put_data(
             self._model, self._start, nworld=len(states), nconmax=self._most, njmax=self._most
         )
         self._data.qpos.assign(states[:, : self._model.nq].astype(np.float32))
@@ -219,7 +230,8 @@ class WarpCopies(Copies):
         fewest: balls that may still go on. most: steps. This process counts every _LOOK steps, so
         more are taken. Raises EngineFailed where a copy has more contacts than there is room for.
         """
-        warp = self._names["wp"]
+        import warp
+
         kernel = _reading_kernel(warp)
         now = Reading(*map(warp.array, reading))
         constants = [warp.array(number) if number.ndim else number.item() for number in rule]
@@ -235,8 +247,7 @@ class WarpCopies(Copies):
         return Reading(*(column.numpy() for column in now))
 
     def _take_step(self) -> None:
-        self._before(self._data)
-        self._step(self._names["model"], self._data)
+        self._step(self._on_device, self._data)
 
     def _require_room(self) -> None:
         if self._data.overflow.numpy().any():
@@ -294,31 +305,37 @@ def _reading_kernel(warp: Any) -> Any:
 
 
 _FORCE = """\
+import warp as wp
+
 @wp.kernel
 def push(qpos: wp.array2d[float], qvel: wp.array2d[float], radius: float, out: wp.array2d[float]):
-    world = wp.tid()  # contacts are off; the plane is z = 0
+    world = wp.tid()  # the pair's own contact is off; the plane is z = 0
     x = radius - qpos[world, 2]
     if x > 0.0:
-        force = {k} * wp.pow(x, {n}) * (1.0 - {a} * qvel[world, 2])
+        force = float({k}) * wp.pow(x, float({n})) * (1.0 - float({a}) * qvel[world, 2])
         out[world, 2] = out[world, 2] + wp.max(force, 0.0)
 
-def passive(model, data):
-    wp.launch(push, dim=data.nworld, inputs=[data.qpos, data.qvel, R], outputs=[data.qfrc_passive])
+def passive(m, d):
+    inputs = [d.qpos, d.qvel, float(model.geom("{geom}").size[0])]
+    wp.launch(push, dim=d.nworld, inputs=inputs, outputs=[d.qfrc_passive])
 
-model.callback.passive = passive"""
+m.callback.passive = passive
+step = mjw.step"""
 _EACH = """\
-from hcbench.laws.restitution import Restitution
+from hcbench.contact.warp import Restitution, restitution
 
-curve = Restitution({}, {!r})
-h, gravity = model.opt.timestep.numpy()[0], -model.opt.gravity.numpy()[0][2]
-rest = 1 - model.pair_solimp.numpy()[0, 0][0]  # of gravity, by impedance
+step = restitution(model, {{("{first}", "{second}"): Restitution({alpha}, "{reading}")}})"""
+_SCRIPT = """\
+import mujoco
+import mujoco_warp as mjw
 
-def before_step(data):  # each world has a solref of its own; the pair's is that of `impulse`
-    x, v = R - data.qpos.numpy()[:, 2], np.maximum(-data.qvel.numpy()[:, 2], 1e-6)
-    share = curve.rebound(x, v, h, gravity) / v  # so that e is that of the speed at the touch plane
-    damping = (1 + share) / h + rest * gravity / v
-    solref = np.stack([0 * v, -damping], axis=1)[:, None].astype(np.float32)
-    model.pair_solref = wp.array(solref, dtype=wp.vec2)"""
+model = mujoco.MjModel.from_xml_path("my.xml")
+m, d = mjw.put_model(model), mjw.make_data(model, nworld=1024)
+
+{}
+
+for _ in range(1000):
+    step(m, d)  # in place of mjw.step"""
 
 
 _STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MuJoCo Warp does not have this integrator")
@@ -377,7 +394,7 @@ RECIPES = (
     *python_law_recipes(
         "mujoco-warp",
         _NATIVE,
-        "Runs as a kernel in callback.passive, or as lines before each step; solref differs by world.",
+        "Runs as a kernel in callback.passive, or as the step function of `hcbench.contact.warp`.",
         force=_SCATTER,
         each_impact=3e-6,
     ),
