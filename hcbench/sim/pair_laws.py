@@ -34,6 +34,7 @@ LAW, LINEAR, CONSTANT = range(3)
 
 Value = float | Restitution | ConstantRestitution
 Pairs = Mapping[tuple[str, str], Value]
+Names = Mapping[str, np.ndarray]
 # Integrators of compiled MJCF models, by number.
 _INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast", "discrete")
 # Those with one contact force a step, which the functions have been tried with.
@@ -54,10 +55,11 @@ class Laws:
     readings: np.ndarray
 
 
-def laws_of(model: Any, pairs: Pairs) -> Laws:
+def laws_of(model: Any, pairs: Pairs, names: Names | None = None) -> Laws:
     """The laws of all pairs of geoms of a compiled MJCF model.
 
-    pairs: {two names of geoms or bodies: α, or their law}. Raises UserError for what is no such
+    pairs: {two names of geoms or bodies: α, or their law}. names: ids of the geoms of each; those
+    of the model unless given. Raises UserError for what is no such
     model, for names that it lacks, for none at all, and for two geoms that two pairs mean;
     SettingError for an integrator of several forces a step.
     """
@@ -69,16 +71,17 @@ def laws_of(model: Any, pairs: Pairs) -> Laws:
     pair_of = np.full((model.ngeom, model.ngeom), -1)
     values = []
     readings = []
-    for number, (names, value) in enumerate(pairs.items()):
-        first, second = (_geoms(model, name) for name in names)
+    known = names or _names(model)
+    for number, (both, value) in enumerate(pairs.items()):
+        first, second = (_geoms(known, name) for name in both)
         moves = model.body_weldid[model.geom_bodyid[[*first, *second]]] != 0
         if not moves.any() or set(first) & set(second):
-            raise UserError("pairs", f"{names} cannot meet", "two parts, one of which moves")
+            raise UserError("pairs", f"{both} cannot meet", "two parts, one of which moves")
         if np.any(pair_of[np.ix_(first, second)] >= 0):
-            raise UserError("pairs", f"{names} is in two pairs", "each pair once")
+            raise UserError("pairs", f"{both} is in two pairs", "each pair once")
         pair_of[np.ix_(first, second)] = number
         pair_of[np.ix_(second, first)] = number
-        number_of, reading = _read(names, value)
+        number_of, reading = _read(both, value)
         values.append(number_of)
         readings.append(reading)
     return Laws(pair_of, np.array(values), np.array(readings))
@@ -105,19 +108,22 @@ def _read(names: tuple[str, str], value: Value) -> tuple[float, int]:
     return law.alpha, LAW if law.reading == "law" else LINEAR
 
 
-def _geoms(model: Any, name: str) -> np.ndarray:
-    """Ids of the geom of this name, (1,), or of all geoms of the body, (n,).
+def _names(model: Any) -> Names:
+    """Ids of the geoms of each body and geom with a name; a geom's name goes first."""
+    bodies = {
+        model.body(i).name: np.flatnonzero(model.geom_bodyid == i) for i in range(model.nbody)
+    }
+    return bodies | {model.geom(i).name: np.array([i]) for i in range(model.ngeom)}
 
-    model: MjModel. Raises UserError for a name that neither has, and for a body without geoms.
+
+def _geoms(names: Names, name: str) -> np.ndarray:
+    """Ids of the geoms that a name means, (n,).
+
+    Raises UserError for a name that there is not, and for a body without geoms.
     """
-    geoms = [model.geom(i).name for i in range(model.ngeom)]
-    if name in geoms:
-        return np.array([geoms.index(name)])
-    bodies = [model.body(i).name for i in range(model.nbody)]
-    if name in bodies:
-        found = np.flatnonzero(model.geom_bodyid == bodies.index(name))
-        if not found.size:
-            raise UserError("pairs", f"body {name!r} has no geom", "one that can touch")
-        return found
-    known = [each for each in (*geoms, *bodies) if each]
-    raise UserError("pairs", f"no geom or body {name!r}", *suggest_names(name, known))
+    if not name or name not in names:
+        known = [each for each in names if each]
+        raise UserError("pairs", f"no geom or body {name!r}", *suggest_names(name, known))
+    if not names[name].size:
+        raise UserError("pairs", f"body {name!r} has no geom", "one that can touch")
+    return names[name]

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.restitution import Restitution
 from hcbench.recipes.recipe import map_result
 from hcbench.sim import registry
 from hcbench.sim.capabilities import OpensModels, VariedContact, VariesContacts, opener
@@ -60,8 +59,6 @@ _LONGER = 4
 _REST = 256
 # Copies in a batch, at least.
 _WIDTH = 32
-# Impedance of a bounce in one step.
-_ONE_STEP = 0.9999
 
 
 class Copies(ABC):
@@ -225,14 +222,12 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
     own: words of the options that it does not have.
     lacks: its features that this engine ignores without a warning, as it names them.
     exact: how to have it compute in 64 bits.
-    sets_solref: whether its lines of e(v) set the solref of a contact in one step.
     """
 
     model_engine: str
     own: tuple[str, ...] = ("law", "device")
     lacks: frozenset[str] = frozenset()
     exact = ""
-    sets_solref = True
     oblique = False
     several_corners = True
 
@@ -339,17 +334,8 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
         return opener(registry.engine(self.model_engine))
 
     def _shared(self, setting: Setting) -> Setting:
-        """Part of a setting that `model_engine` reads, as a setting of that engine.
-
-        For e(v) it has a contact that answers in one step, D = 1/h, where the law's lines set its
-        solref (`sets_solref`).
-        """
+        """Part of a setting that `model_engine` reads, as a setting of that engine."""
         options = {word: value for word, value in setting.options.items() if word not in self.own}
-        if self.sets_solref and isinstance(self.law(setting), Restitution):
-            d = _ONE_STEP
-            options["rows"] = [
-                {"solref": [0.0, -1.0 / setting.timestep], "solimp": [d, d, 0.001, 0.5, 2.0]}
-            ]
         return replace(setting, engine=self.model_engine, options=options)
 
     def law(self, setting: Setting) -> PythonLaw | None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hcbench.engines.newton import NewtonEngine
+from hcbench.engines.newton.engine import NewtonEngine
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
 from hcbench.sim import install, registry

@@ -108,6 +108,7 @@ ABOUT_ENGINES = {
     "contact/mjx.py",
     "contact/mujoco.py",
     "contact/pybullet.py",
+    "contact/warp.py",
     "cases/make.py",
     "cli/help.py",
     "tuning/ask.py",

@@ -28,7 +28,7 @@ from hcbench.recipes.recipe import Integrators
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact
 from hcbench.sim.read_impact import Reading, reader
-from hcbench.sim.scripted import batch_in, free_memory, law_text, no_gpu
+from hcbench.sim.scripted import batch_in, force_text, free_memory, no_gpu
 from hcbench.sim.shared_model import (
     HEIGHT,
     RISING,
@@ -85,7 +85,6 @@ class MjxEngine(DescribesContact, SharedModelEngine):
     # MuJoCo's, of two geoms.
     default_friction = 1.0
     own = ("law", "precision", "device")
-    sets_solref = False
     devices = ("cpu", "gpu")
     lacks = frozenset({"adhesion", "impedance in float32"})
     exact = "JAX_ENABLE_X64=1 (a setting: precision = 'float64')"
@@ -99,12 +98,12 @@ class MjxEngine(DescribesContact, SharedModelEngine):
 
     def law_lines(self, law: PythonLaw | None, pair: Pair = PAIR) -> str:
         """The step of one world with a law in it, for jit and vmap."""
+        first, second = pair
         if isinstance(law, Restitution):
-            first, second = pair
             return _EACH.format(
                 first=first, second=second, alpha=shortest(law.alpha), reading=law.reading
             )
-        return law_text(law, _FORCE, "")
+        return force_text(law, _FORCE, first) if law else ""
 
     def copies(
         self,

@@ -1,1 +1,1 @@
-"""The engine MuJoCo Warp."""
+"""MuJoCo Warp."""
