@@ -234,7 +234,7 @@ class WarpCopies(Copies):
         import warp
 
         read = _reading_kernel(warp)
-        count = run_lines(_COUNT, {"wp": warp})["count"]
+        count = _counting_kernel(warp)
         now = Reading(*map(warp.array, reading))
         constants = [warp.array(number) if number.ndim else number.item() for number in rule]
         seen = [self._data.qpos, self._data.qvel, *constants, *now]
@@ -317,6 +317,15 @@ def _reading_kernel(warp: Any) -> Any:
         *(f"    _{name}[i] = {name}" for name in Reading._fields),
     ]
     return run_lines("\n".join(lines), {"wp": warp, "add": warp.func(add)})["read"]
+
+
+@cache
+def _counting_kernel(warp: Any) -> Any:
+    """A kernel of Warp that counts the balls which go on, and finds the most steps of one.
+
+    It is made once: Warp compiles each kernel that it is given anew.
+    """
+    return run_lines(_COUNT, {"wp": warp})["count"]
 
 
 _COUNT = """\
