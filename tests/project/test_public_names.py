@@ -29,6 +29,7 @@ MODULES = (
     "hcbench.paper",
     "hcbench.contact.mjx",
     "hcbench.contact.mujoco",
+    "hcbench.contact.newton",
     "hcbench.contact.pybullet",
     "hcbench.contact.warp",
 )
@@ -118,6 +119,10 @@ RIGHT: dict[str, dict[str, Any]] = {
         "restitution": 0.9,
     },
     "hcbench.contact.mjx.restitution": {"model": SPEC.compile(), "pairs": {("ball", "plate"): 0.3}},
+    "hcbench.contact.newton.restitution": {
+        "solver": object(),
+        "pairs": {("ball", "plate"): 0.3},
+    },
     "hcbench.contact.warp.restitution": {
         "model": SPEC.compile(),
         "pairs": {("ball", "plate"): 0.3},

@@ -60,13 +60,14 @@ def restitution(solver: Any, pairs: Pairs) -> Step:
         raise UserError("solver", f"a {type(solver).__name__}", expected)
     if solver.use_mujoco_cpu:
         raise SettingError("use_mujoco_cpu", "True", "False: contacts on the device")
+    if not solver.mjw_model.opt.run_collision_detection:
+        raise SettingError("use_mujoco_contacts", "False", "True: contacts that the solver finds")
     impacts = WarpImpacts(laws_of(solver.mj_model, pairs, _names(solver)))
 
     def step(*arguments: Any, values: Any = None, **keywords: Any) -> None:
         """Take one step. values: of each pair's law; other arguments: those of `solver.step`.
 
-        Raises UserError for values of another shape, SettingError for a solver that is given its
-        contacts.
+        Raises UserError for values of another shape.
         """
         own = solver._mujoco_warp_step
         solver._mujoco_warp_step = lambda: impacts.step(
