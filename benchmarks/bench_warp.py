@@ -98,48 +98,39 @@ def row(name: str, model: mujoco.MjModel, step: Step, count: int, lift: float) -
 def landing(pairs: Mapping[tuple[str, str], Any], count: int) -> str:
     """What quadrupeds do that are dropped, each with an e of its own: a sentence.
 
-    Exits where one does not rest, or gains energy: by its impacts, whose kinetic energies before
-    them are those of a twin with the engine's own forward dynamics, or above that of its start.
+    Exits where one does not rest, or has more energy, its servos' springs with it, than at its start.
     """
     model = mujoco.MjModel.from_xml_path(str(QUADRUPED))
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
-    worlds, twins = Worlds(model, count, 0.1), Worlds(model, count, 0.1)
+    worlds = Worlds(model, count, 0.1)
     e = np.random.default_rng(48).uniform(0.0, 0.8, (count, 1))
     values = wp.array(np.tile(e, (1, len(pairs))), dtype=float)
     law = restitution(model, pairs)
-
-    def both(m: Any, d: Any) -> None:
-        """Take the energies of the state, then a step."""
-        wp.copy(twins.d.qpos, d.qpos)
-        wp.copy(twins.d.qvel, d.qvel)
-        mjw.forward(twins.m, twins.d)
-        law(m, d, values)
-
-    run = worlds.ready(both)
+    run = worlds.ready(lambda m, d: law(m, d, values))
     worlds.drop()
     stiffness = model.actuator_gainprm[:, 0]
-    by_impact, total = [], []
-    for _ in range(int(REST / model.opt.timestep)):
+    total = []
+    begun = time.perf_counter()
+    steps = int(REST / model.opt.timestep)
+    for _ in range(steps):
         hinges = worlds.d.qpos.numpy()[:, 7:].astype(float)
         run()
-        energy = worlds.d.energy.numpy().astype(float)
-        by_impact.append(energy[:, 1] - twins.d.energy.numpy()[:, 1])
-        total.append(energy.sum(axis=1) + hinges**2 @ stiffness / 2)
+        total.append(worlds.d.energy.numpy().sum(axis=1) + hinges**2 @ stiffness / 2)
+    took = time.perf_counter() - begun
     fall = total[0].mean() - total[-1].mean()
-    gained = np.max(by_impact) / fall
     above = np.max(np.array(total) - total[0]) / fall
     speed = np.abs(worlds.d.qvel.numpy()).max()
     height = worlds.d.qpos.numpy()[:, 2]
     text = (
-        f"{count} quadrupeds with e from 0 to 0.8: after {REST:g} s the fastest of {model.nv} speeds "
-        f"is {speed:.2g} (m/s or rad/s), trunks are at {height.min():.4f} ... {height.max():.4f} m. "
-        f"The most energy that an impact adds is {gained:.1g} of the {fall:.2f} J of the fall; no "
-        f"world has more than {above:.1g} of it above its start."
+        f"{count} quadrupeds with e from 0 to 0.8: after {REST:g} s ({took:.3g} s of the clock, read "
+        f"each step) the fastest of {model.nv} speeds is {speed:.2g} (m/s or rad/s), trunks are at "
+        f"{height.min():.4f} ... {height.max():.4f} m. No world has more than {above:.1g} of the "
+        f"{fall:.2f} J of the fall above its start."
     )
     if worlds.d.overflow.numpy().any():
         sys.exit(f"{text}\nA world has more contacts than there is room for.")
-    if not (speed < 0.05 and gained < 1e-4 and above < 1e-4):
-        sys.exit(f"{text}\nThey must rest below 0.05, and add less than 0.0001.")
+    if not (speed < 0.05 and above < 1e-4):
+        sys.exit(f"{text}\nThey must rest below 0.05, and have less than 0.0001 above their start.")
     return text
 
 
