@@ -18,6 +18,8 @@ from hcbench.system.errors import SettingError, UserError
 # Numbers of options of compiled MJCF models.
 _PYRAMIDAL = 0
 _SLEEP = 1 << 5
+# Threads of a GPU that share out the velocities of a world: those that work in step.
+_LANES = 32
 
 
 class WarpImpacts:
@@ -67,16 +69,27 @@ class WarpImpacts:
             room.first.fill_(-1)
             warp.launch(warp_kernels.enlist, inputs=[found, laws, room], **contacts)
             warp.launch(warp_kernels.factor, inputs=[inertia, d.M, room], **worlds)
-            model = [m.geom_bodyid, m.body_rootid, m.body_weldid, m.body_isdofancestor]
-            state = [d.subtree_com, d.cdof, d.qvel, d.qacc, d.qfrc_smooth]
-            opt = [m.opt.timestep, m.opt.gravity]
+            tree = [m.geom_bodyid, m.body_rootid, m.body_isdofancestor, d.subtree_com, d.cdof]
+            warp.launch(
+                warp_kernels.span,
+                dim=(d.naconmax, m.nv),
+                inputs=[found, *tree, room],
+                device=d.qpos.device,
+            )
+            options = [m.opt.timestep, m.opt.gravity, m.geom_bodyid, m.body_weldid]
+            state = [d.qvel, d.qacc, d.qfrc_smooth]
             warp.launch(
                 warp_kernels.aim,
-                inputs=[found, laws, chosen, inertia, *opt, *model, *state, room],
+                inputs=[found, laws, chosen, inertia, *options, *state, room],
                 **contacts,
             )
             friction = d.contact.friction
-            warp.launch(warp_kernels.collide, inputs=[found, friction, room, d.qvel], **worlds)
+            warp.launch_tiled(
+                warp_kernels.collide,
+                inputs=[found, friction, room, d.qvel],
+                block_dim=_LANES,
+                **worlds,
+            )
             springs = [found, d.contact.solimp, m.opt.timestep, d.qvel, room]
             warp.launch(warp_kernels.settle, inputs=springs, **contacts)
 

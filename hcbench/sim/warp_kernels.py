@@ -179,9 +179,32 @@ def enlist(found: Found, laws: Laws, room: Room) -> None:
     room.following[i] = wp.atomic_exch(room.first, found.world[i], i)
 
 
+@wp.func
+def _sort(room: Room, world: int) -> int:
+    """First contact of a world's list, which is then in the engine's order, not in that of
+    threads.
+    """
+    first = int(-1)
+    i = room.first[world]
+    while i >= 0:
+        following = room.following[i]
+        if first < 0 or i < first:
+            room.following[i] = first
+            first = i
+        else:
+            before = first
+            while room.following[before] >= 0 and room.following[before] < i:
+                before = room.following[before]
+            room.following[i] = room.following[before]
+            room.following[before] = i
+        i = following
+    return first
+
+
 @wp.kernel
 def factor(inertia: Inertia, M: wp.array2d[float], room: Room) -> None:
-    """Factor the inertia matrices of the worlds that have a contact: M = Lᵀ D L.
+    """Put the contacts of each world into the engine's order, and factor its inertia matrix where
+    it has any: M = Lᵀ D L.
 
     M: rows of each world's, (worlds, nC). A row's columns are the ancestors of its degree of
     freedom, as in Featherstone 2008, table 6.3.
@@ -189,6 +212,7 @@ def factor(inertia: Inertia, M: wp.array2d[float], room: Room) -> None:
     world = wp.tid()
     if room.first[world] < 0:
         return
+    room.first[world] = _sort(room, world)
     for j in range(M.shape[1]):
         room.factor[world, j] = M[world, j]
     size = inertia.count.shape[0]
@@ -310,6 +334,37 @@ def _weight(
 
 
 @wp.kernel
+def span(
+    found: Found,
+    geom_bodyid: wp.array[int],
+    body_rootid: wp.array[int],
+    body_isdofancestor: wp.array2d[int],
+    subtree_com: wp.array2d[wp.vec3],
+    cdof: wp.array2d[wp.spatial_vector],
+    room: Room,
+) -> None:
+    """Find the rates along the axes of each contact's frame that each velocity makes."""
+    i, v = wp.tid()
+    if i >= found.count[0]:
+        return
+    if room.law[i] < 0:
+        return
+    world = found.world[i]
+    body1 = geom_bodyid[found.geom[i][0]]
+    body2 = geom_bodyid[found.geom[i][1]]
+    motion = cdof[world, v]
+    row = wp.vec3(0.0)
+    if body_isdofancestor[body1, v] != 0:
+        arm = found.pos[i] - subtree_com[world, body_rootid[body1]]
+        row -= found.frame[i] * _velocity(motion, arm)
+    if body_isdofancestor[body2, v] != 0:
+        arm = found.pos[i] - subtree_com[world, body_rootid[body2]]
+        row += found.frame[i] * _velocity(motion, arm)
+    room.rows[i, v] = row
+    room.moves[i, v] = row
+
+
+@wp.kernel
 def aim(
     found: Found,
     laws: Laws,
@@ -318,11 +373,7 @@ def aim(
     timesteps: wp.array[float],
     gravities: wp.array[wp.vec3],
     geom_bodyid: wp.array[int],
-    body_rootid: wp.array[int],
     body_weldid: wp.array[int],
-    body_isdofancestor: wp.array2d[int],
-    subtree_com: wp.array2d[wp.vec3],
-    cdof: wp.array2d[wp.spatial_vector],
     qvel: wp.array2d[float],
     qacc: wp.array2d[float],
     qfrc_smooth: wp.array2d[float],
@@ -341,20 +392,6 @@ def aim(
     world = found.world[i]
     timestep = timesteps[world % timesteps.shape[0]]
     size = inertia.count.shape[0]
-    frame = found.frame[i]
-    body1 = geom_bodyid[found.geom[i][0]]
-    body2 = geom_bodyid[found.geom[i][1]]
-    arm1 = found.pos[i] - subtree_com[world, body_rootid[body1]]
-    arm2 = found.pos[i] - subtree_com[world, body_rootid[body2]]
-    for v in range(size):
-        motion = cdof[world, v]
-        row = wp.vec3(0.0)
-        if body_isdofancestor[body1, v] != 0:
-            row -= frame * _velocity(motion, arm1)
-        if body_isdofancestor[body2, v] != 0:
-            row += frame * _velocity(motion, arm2)
-        room.rows[i, v] = row
-        room.moves[i, v] = row
     _solve(inertia, world, i, room)
     rate = wp.vec3(0.0)
     own = wp.mat33(0.0)
@@ -373,9 +410,10 @@ def aim(
     slip = wp.length(wp.vec2(rate[1], rate[2]))
     others = own[0, 0] * _force_before(found, room, i, slip, timestep) - moved
     gravity = gravities[world % gravities.shape[0]]
-    weight = _weight(
-        wp.transpose(frame) * wp.vec3(1.0, 0.0, 0.0), gravity, body1, body2, body_weldid
-    )
+    normal = wp.transpose(found.frame[i]) * wp.vec3(1.0, 0.0, 0.0)
+    body1 = geom_bodyid[found.geom[i][0]]
+    body2 = geom_bodyid[found.geom[i][1]]
+    weight = _weight(normal, gravity, body1, body2, body_weldid)
     load = wp.max(wp.max(presses, weight), others)
     calm = _STILL * timestep * load + 1e-9
     value = values[world % values.shape[0], law]
@@ -394,35 +432,25 @@ def aim(
 
 
 @wp.func
-def _sort(room: Room, world: int) -> int:
-    """First contact of a world's list, which is then in the engine's order, not in that of
-    threads.
-    """
-    first = int(-1)
-    i = room.first[world]
-    while i >= 0:
-        following = room.following[i]
-        if first < 0 or i < first:
-            room.following[i] = first
-            first = i
-        else:
-            before = first
-            while room.following[before] >= 0 and room.following[before] < i:
-                before = room.following[before]
-            room.following[i] = room.following[before]
-            room.following[before] = i
-        i = following
-    return first
+def _rate_of_change(room: Room, world: int, i: int, lane: int) -> wp.vec3:
+    """Rates that the change of the velocities makes at contact i, m/s, by all lanes of a block."""
+    part = wp.vec3(0.0)
+    for v in range(lane, room.change.shape[1], wp.block_dim()):
+        part += room.rows[i, v] * room.change[world, v]
+    return wp.tile_extract(wp.tile_sum(wp.tile(part, preserve_type=True)), 0)
 
 
 @wp.func
-def _impulse_of(room: Room, world: int, i: int, friction: wp.vec2) -> wp.vec3:
-    """Impulse, N s, that the law of contact i asks for, while those of the others stay."""
-    impulse = room.impulse[i]
+def _impulse_of(
+    room: Room, i: int, impulse: wp.vec3, change: wp.vec3, friction: wp.vec2
+) -> wp.vec3:
+    """Impulse, N s, that the law of contact i asks for, while those of the others stay.
+
+    impulse: its last one. change: of its rates by all impulses so far, m/s. friction: along its
+    tangents.
+    """
     own = room.own[i]
-    rate = room.rate[i]
-    for v in range(room.change.shape[1]):
-        rate += room.rows[i, v] * room.change[world, v]
+    rate = room.rate[i] + change
     normal = wp.max(impulse[0] + (room.target[i] - rate[0]) / own[0, 0], 0.0)
     rate += own * wp.vec3(normal - impulse[0], 0.0, 0.0)
     most = friction * normal
@@ -437,8 +465,8 @@ def _impulse_of(room: Room, world: int, i: int, friction: wp.vec2) -> wp.vec3:
 
 
 @wp.func
-def _share(room: Room, world: int) -> float:
-    """Share of the impulses that adds no energy.
+def _share(room: Room, world: int, lane: int) -> float:
+    """Share of the impulses that adds no energy, by all lanes of a block.
 
     Their work is p.(u before + u after)/2, which is 0 at most.
     """
@@ -446,11 +474,8 @@ def _share(room: Room, world: int) -> float:
     between = float(0.0)
     i = room.first[world]
     while i >= 0:
-        rate = wp.vec3(0.0)
-        for v in range(room.change.shape[1]):
-            rate += room.rows[i, v] * room.change[world, v]
         before += wp.dot(room.impulse[i], room.rate[i])
-        between += wp.dot(room.impulse[i], rate)
+        between += wp.dot(room.impulse[i], _rate_of_change(room, world, i, lane))
         i = room.following[i]
     if between <= 0.0:
         return 0.0
@@ -464,12 +489,15 @@ def collide(found: Found, friction: wp.array[_Five], room: Room, qvel: wp.array2
 
     friction: coefficients of each contact, the first two along its tangents. Impulses never add
     energy. Velocities after them are written to `qvel`.
+
+    A block of threads, of one on a CPU, has a world. Its lanes share out the velocities, and find
+    the same impulses.
     """
-    world = wp.tid()
-    if room.first[world] < 0:
+    world, lane = wp.tid()
+    first = room.first[world]
+    if first < 0:
         return
-    first = _sort(room, world)
-    room.first[world] = first
+    velocities = room.change.shape[1]
     fastest = float(0.0)
     most = float(0.0)
     i = first
@@ -481,7 +509,7 @@ def collide(found: Found, friction: wp.array[_Five], room: Room, qvel: wp.array2
         i = room.following[i]
     if fastest <= 0.0:
         return
-    for v in range(room.change.shape[1]):
+    for v in range(lane, velocities, wp.block_dim()):
         room.change[world, v] = 0.0
     settled = _SETTLED * fastest + _NOISE * most
     moved = 2.0 * settled
@@ -495,15 +523,18 @@ def collide(found: Found, friction: wp.array[_Five], room: Room, qvel: wp.array2
                 mu = wp.vec2(0.0)
                 if found.dim[i] > 1:
                     mu = wp.vec2(friction[i][0], friction[i][1])
-                new = _impulse_of(room, world, i, mu)
-                delta = new - room.impulse[i]
-                room.impulse[i] = new
-                for v in range(room.change.shape[1]):
-                    room.change[world, v] += wp.dot(room.moves[i, v], delta)
+                # Read before the lanes wait for one another, and written after it.
+                before = room.impulse[i]
+                change = _rate_of_change(room, world, i, lane)
+                new = _impulse_of(room, i, before, change, mu)
+                delta = new - before
                 moved = wp.max(moved, wp.max(wp.abs(wp.cw_mul(delta, wp.get_diag(room.own[i])))))
+                room.impulse[i] = new
+                for v in range(lane, velocities, wp.block_dim()):
+                    room.change[world, v] += wp.dot(room.moves[i, v], delta)
             i = room.following[i]
-    share = _share(room, world)
-    for v in range(room.change.shape[1]):
+    share = _share(room, world, lane)
+    for v in range(lane, velocities, wp.block_dim()):
         qvel[world, v] += share * room.change[world, v]
 
 
