@@ -96,7 +96,7 @@ def row(name: str, model: mujoco.MjModel, step: Step, count: int, lift: float) -
 
 
 def landing(pairs: Mapping[tuple[str, str], Any], count: int) -> str:
-    """What quadrupeds do that are dropped, each with an e of its own: a sentence.
+    """Sentence about quadrupeds that are dropped, each with an e of its own.
 
     Exits where one does not rest, or gains energy: by its impacts, whose kinetic energies before
     them are those of a twin with the engine's own forward dynamics, or above that of its start.
