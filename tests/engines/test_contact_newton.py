@@ -64,7 +64,7 @@ def dropped(solver: Any, step: Any, timestep: float, **more: Any) -> tuple[Float
 def at_plane(state: Any, rate: Floats, timestep: float) -> Floats:
     """Speeds at the touch plane: steps that move by the new velocity keep (v + g h/2)² - 2 g x."""
     height = state.joint_q.numpy().reshape(-1, 7)[:, 2].astype(float) - RADIUS
-    return np.sqrt((rate + GRAVITY * timestep / 2) ** 2 + 2 * GRAVITY * height)
+    return np.array(np.sqrt((rate + GRAVITY * timestep / 2) ** 2 + 2 * GRAVITY * height))
 
 
 @pytest.mark.parametrize("names", [("ball", "floor"), ("skin", "world"), ("thing/ball", "floor")])
