@@ -96,7 +96,7 @@ def row(name: str, model: mujoco.MjModel, step: Step, count: int, lift: float) -
 
 
 def landing(pairs: Mapping[tuple[str, str], Any], count: int) -> str:
-    """What quadrupeds do that are dropped, each with an e of its own: a sentence.
+    """Sentence about quadrupeds that are dropped, each with an e of its own.
 
     Exits where one does not rest, or has more energy, its servos' springs with it, than at its start.
     """

@@ -59,8 +59,8 @@ def laws_of(model: Any, pairs: Pairs, names: Names | None = None) -> Laws:
     """The laws of all pairs of geoms of a compiled MJCF model.
 
     pairs: {two names of geoms or bodies: α, or their law}. names: ids of the geoms of each; those
-    of the model unless given. Raises UserError for what is no such
-    model, for names that it lacks, for none at all, and for two geoms that two pairs mean;
+    of the model unless given. Raises UserError for what is not an
+    MjModel, for names that it lacks, for none at all, and for two geoms that two pairs mean;
     SettingError for an integrator of several forces a step.
     """
     if type(model).__name__ != "MjModel":

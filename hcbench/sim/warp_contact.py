@@ -43,9 +43,10 @@ class WarpImpacts:
         values of another shape, and another model; SettingError for options of `m` with which
         contacts are not found once a step.
         """
+        import warp
+
         from hcbench.sim import warp_kernels
 
-        warp = warp_kernels.wp
         require_one_force(m.opt.integrator)
         if not m.opt.run_collision_detection:
             raise SettingError("run_collision_detection", "False", "True: contacts of the engine")
@@ -111,9 +112,10 @@ class WarpImpacts:
     def _laws_on(self, device: Any) -> tuple[Any, Any]:
         """(the laws on a device, their values there, (1, pairs))."""
         if device.alias not in self._on_device:
+            import warp
+
             from hcbench.sim import warp_kernels
 
-            warp = warp_kernels.wp
             laws = warp_kernels.Laws()
             laws.pair_of = warp.array(self._laws.pair_of, dtype=int, device=device)
             laws.reading = warp.array(self._laws.readings, dtype=int, device=device)
@@ -130,9 +132,10 @@ class WarpImpacts:
         """
         if d.qpos in self._rooms:
             return self._rooms[d.qpos]
+        import warp
+
         from hcbench.sim import warp_kernels
 
-        warp = warp_kernels.wp
         geoms = len(self._laws.pair_of)
         if m.ngeom != geoms:
             raise UserError("m", f"a model of {m.ngeom} geoms", f"that of the pairs, of {geoms}")
@@ -157,8 +160,10 @@ class WarpImpacts:
             "factor": d.M.shape,
             "change": (d.nworld, m.nv),
         }
-        room = warp_kernels.Room()
-        for name, kind in warp_kernels.Room.vars.items():
+        # Warp makes another class of it.
+        kind_of_room: Any = warp_kernels.Room
+        room = kind_of_room()
+        for name, kind in kind_of_room.vars.items():
             shape = shapes.get(name, d.naconmax)
             array = warp.zeros(shape, dtype=kind.type.dtype, device=d.qpos.device)
             setattr(room, name, array)

@@ -64,7 +64,7 @@ def dropped(solver: Any, step: Any, timestep: float, **more: Any) -> tuple[Float
 def at_plane(state: Any, rate: Floats, timestep: float) -> Floats:
     """Speeds at the touch plane: steps that move by the new velocity keep (v + g h/2)² - 2 g x."""
     height = state.joint_q.numpy().reshape(-1, 7)[:, 2].astype(float) - RADIUS
-    return np.sqrt((rate + GRAVITY * timestep / 2) ** 2 + 2 * GRAVITY * height)
+    return np.array(np.sqrt((rate + GRAVITY * timestep / 2) ** 2 + 2 * GRAVITY * height))
 
 
 @pytest.mark.parametrize("names", [("ball", "floor"), ("skin", "world"), ("thing/ball", "floor")])
@@ -84,9 +84,8 @@ def test_worlds_have_an_alpha_of_their_own() -> None:
     before, after = dropped(solver, step, 1e-3, values=values)
     asked = [Restitution(alpha).at(v) for alpha, v in zip(alphas, before, strict=True)]
     assert after / before == pytest.approx(np.array(asked), abs=1e-5)
-    # Without the function the solver is as before.
-    _, plain = dropped(solver, solver.step, 1e-3)
-    assert (plain / before).max() < 0.3
+    # Between its steps the solver is Newton's own.
+    assert "_mujoco_warp_step" not in vars(solver)
 
 
 def test_the_page_s_scripts_run_in_a_user_s_folder(tmp_path: Path) -> None:

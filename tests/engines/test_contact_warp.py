@@ -83,11 +83,11 @@ class Worlds:
 
     @property
     def qpos(self) -> Floats:
-        return self.d.qpos.numpy().astype(float)
+        return np.array(self.d.qpos.numpy(), float)
 
     @property
     def qvel(self) -> Floats:
-        return self.d.qvel.numpy().astype(float)
+        return np.array(self.d.qvel.numpy(), float)
 
     def stepped(self, step: Callable[..., None], steps: int, *values: Any) -> tuple[Floats, Floats]:
         """(positions, velocities) after each of some steps."""
