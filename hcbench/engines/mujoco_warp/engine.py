@@ -44,6 +44,17 @@ if TYPE_CHECKING:
 
 # Steps between two looks at which balls have ended.
 _LOOK = 8
+# Fields of a state that stay as the user has set them, and what its solver begins with.
+_HELD = (
+    "ctrl",
+    "act",
+    "mocap_pos",
+    "mocap_quat",
+    "eq_active",
+    "qfrc_applied",
+    "xfrc_applied",
+    "qacc_warmstart",
+)
 # Memory that a copy takes, bytes: 7 kB were measured.
 _BYTES = 8_000
 # A step of one world costs as much as of all of them.
@@ -204,9 +215,15 @@ class WarpCopies(Copies):
 
     def place(self, states: Floats) -> Floats:
         """Put the copies into states (b, nq + nv), SI; returns them rounded to float32."""
-        self._data = self._engine.put_data(
-            self._model, self._start, nworld=len(states), nconmax=self._most, njmax=self._most
+        # `put_data` would send all arrays of all worlds; most are zero.
+        self._data = self._engine.make_data(
+            self._model, nworld=len(states), nconmax=self._most, njmax=self._most
         )
+        for name in _HELD:
+            one = getattr(self._start, name)
+            if one.size:
+                copies = np.broadcast_to(one, (len(states), *one.shape))
+                getattr(self._data, name).assign(copies)
         self._data.qpos.assign(states[:, : self._model.nq].astype(np.float32))
         self._data.qvel.assign(states[:, self._model.nq :].astype(np.float32))
         return self._state()
