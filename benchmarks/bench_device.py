@@ -2,8 +2,8 @@
 
     python benchmarks/bench_device.py --device gpu --launches 1000000
 
-It needs `hcbench engines add mjx mujoco-warp`. Each row is the second of two
-rounds: the first one compiles.
+It needs `hcbench engines add mjx mujoco-warp`, or both beside hcbench. Each row is the second of
+two rounds: the first one compiles.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import argparse
 import json
 import resource
 import subprocess
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -78,7 +79,7 @@ def hcbench(setting: Setting, sent: Launches) -> tuple[float, float, float, floa
     at = engine.interpreter if isinstance(engine, RemoteEngine) else None
 
     def there(function: Callable[..., Any], *args: Any) -> Any:
-        return call(function, *args, limit=None, at=at) if at else function(*args)
+        return call(function, *args, limit=None, at=at) if engine.own_process else function(*args)
 
     for _ in range(2):
         began, used = time.perf_counter(), there(time.process_time)
@@ -93,12 +94,12 @@ def user(setting: Setting, count: int, device: str, steps: int) -> tuple[float, 
     mjx.step that keeps each rate.
     """
     engine = registry.engine("mjx")
-    assert isinstance(engine, RemoteEngine), "hcbench engines add mjx"
+    python = engine.environment.executable if isinstance(engine, RemoteEngine) else sys.executable
     given = {
         "xml": engine.script(SCENE, setting), "device": device, "launches": count, "steps": steps,
         "speeds": (SLOWEST, FASTEST), "radius": SCENE.touch_radius, "timestep": setting.timestep,
     }  # fmt: skip
-    command = [str(engine.environment.executable), "-c", USER]
+    command = [str(python), "-c", USER]
     done = subprocess.run(
         command, input=json.dumps(given) + "\n", capture_output=True, text=True, check=True
     )
@@ -110,6 +111,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--device", choices=["cpu", "gpu"], default="cpu")
     parser.add_argument("--launches", type=int, default=100_000)
+    both = ["mjx", "mujoco-warp"]
+    parser.add_argument("--engines", choices=both, nargs="*", default=both)
     parser.add_argument("--steps", choices=["1 ms", "10 us"], nargs="*", default=["1 ms", "10 us"])
     asked = parser.parse_args()
     sent = launches(asked.launches)
@@ -119,7 +122,7 @@ def main() -> None:
         if name not in asked.steps:
             continue
         longest = 0
-        for engine in ("mjx", "mujoco-warp"):
+        for engine in asked.engines:
             setting = registry.recipe(f"{engine}.{recipe}")(target(timestep))
             setting = replace(setting, options={**setting.options, "device": asked.device})
             wall, cpu, memory, e = hcbench(setting, sent)

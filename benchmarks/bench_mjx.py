@@ -1,12 +1,16 @@
-"""CPU time of a step with `hcbench.contact.mjx` over that of `mjx.step`, 64 worlds that land.
+"""Time of a step with `hcbench.contact.mjx` over that of `mjx.step`, in worlds that land.
 
     pip install 'mujoco-mjx>=3.17' && python benchmarks/bench_mjx.py
+    python benchmarks/bench_mjx.py --worlds 64 4096 --rest      # on a GPU, with jax[cuda12]
 
-Both are compiled before, and measured in turn, four times each; the least of each counts.
+On a processor the time is its own, on a GPU that of the clock. Both steps are compiled before, and
+measured in turn, four times each; the least of each counts. --rest lets as many quadrupeds as the
+largest number of worlds, each with an e of its own, land and stand, and says how they end.
 """
 
 from __future__ import annotations
 
+import argparse
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,18 +19,23 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import mujoco
+import numpy as np
 from mujoco import mjx
 
 from hcbench.contact.mjx import ConstantRestitution, restitution
 
-WORLDS = 64
 # A landing and half of the time until rest, at 2 ms.
 STEPS = 150
+# Steps until a quadruped stands, at 2 ms.
+UNTIL_REST = 1500
 ROUNDS = 4
 BALL = """<mujoco><option timestep=".002"/><worldbody><geom name="floor" type="plane" size="5 5 .1"/>
 <body name="ball" pos="0 0 .1"><freejoint/><geom name="ball" size=".05"/></body></worldbody></mujoco>"""
-QUADRUPED = Path(__file__).parents[1] / "examples" / "quadruped.xml"
+QUADRUPED = mujoco.MjModel.from_xml_path(
+    str(Path(__file__).parents[1] / "examples" / "quadruped.xml")
+)
 FEET = [f"{side}_{end}_foot" for side in ("left", "right") for end in ("front", "hind")]
+LIFT = 0.05
 
 
 def compiled(step: Any, start: Any, model: Any) -> Any:
@@ -41,31 +50,92 @@ def compiled(step: Any, start: Any, model: Any) -> Any:
     return run
 
 
-def ratio(model: mujoco.MjModel, pairs: Mapping[tuple[str, str], Any], lift: float) -> float:
-    """CPU time with the law over that without it.
-
-    lift: of the lowest world, m; the others are up to 2 cm higher.
-    """
-    world = mjx.put_model(model)
-    heights = model.qpos0[2] + lift + jnp.linspace(0.0, 0.02, WORLDS)
+def raised(model: mujoco.MjModel, lift: float, worlds: int) -> Any:
+    """MJX's data of this many worlds, the lowest raised by `lift`, m, the highest by 2 cm more."""
+    heights = model.qpos0[2] + lift + jnp.linspace(0.0, 0.02, worlds)
     empty = mjx.make_data(model)
-    start = jax.vmap(lambda z: empty.replace(qpos=jnp.array(model.qpos0).at[2].set(z)))(heights)
+    return jax.vmap(lambda z: empty.replace(qpos=jnp.array(model.qpos0).at[2].set(z)))(heights)
+
+
+def row(
+    name: str, model: mujoco.MjModel, pairs: Mapping[tuple[str, str], Any], lift: float, worlds: int
+) -> None:
+    """Print the time of a step of all worlds with the law and without it."""
+    on_gpu = jax.default_backend() == "gpu"
+    clock = time.perf_counter if on_gpu else time.process_time
+    world = mjx.put_model(model)
+    start = raised(model, lift, worlds)
     runs = [compiled(step, start, world) for step in (restitution(model, pairs), mjx.step)]
     least = [float("inf"), float("inf")]
     for _ in range(ROUNDS):
         for i, run in enumerate(runs):
-            begun = time.process_time()
+            begun = clock()
             jax.block_until_ready(run(world, start).qpos)
-            least[i] = min(least[i], time.process_time() - begun)
-    return least[0] / least[1]
+            least[i] = min(least[i], clock() - begun)
+    with_law, without = (1e3 * seconds / STEPS for seconds in least)
+    print(
+        f"| {name} | {worlds} | {with_law:.3g} | {without:.3g} | {with_law / without:.2f} |",
+        flush=True,
+    )
+
+
+def land(pairs: Mapping[tuple[str, str], Any], worlds: int) -> None:
+    """Print how quadrupeds, each with an e of its own, end after UNTIL_REST steps."""
+    world = mjx.put_model(QUADRUPED)
+    each = jax.vmap(restitution(QUADRUPED, pairs), in_axes=(None, 0, 0))
+    values = jnp.repeat(jnp.linspace(0.0, 0.6, worlds)[:, None], len(pairs), axis=1)
+    start = raised(QUADRUPED, LIFT, worlds)
+
+    @jax.jit
+    def run(data: Any) -> Any:
+        def one(carry: Any, _: Any) -> Any:
+            data, highest, lowest = carry
+            data = each(world, data, values)
+            depth = jnp.min(data._impl.contact.dist, axis=1)
+            return (
+                data,
+                jnp.maximum(highest, data.qpos[:, 2]),
+                jnp.minimum(lowest, depth),
+            ), None
+
+        none = jnp.full(worlds, -jnp.inf)
+        return jax.lax.scan(one, (data, none, -none), length=UNTIL_REST)[0]
+
+    jax.block_until_ready(run(start)[1])
+    begun = time.perf_counter()
+    data, highest, lowest = run(start)
+    jax.block_until_ready(highest)
+    took = time.perf_counter() - begun
+    speed = np.abs(np.asarray(data.qvel)).max(axis=1)
+    above = np.asarray(highest) - np.asarray(start.qpos[:, 2])
+    print(
+        f"\n{worlds} quadrupeds, e from 0 to 0.6, dropped {100 * LIFT:.0f} to "
+        f"{100 * LIFT + 2:.0f} cm, {UNTIL_REST} steps in {took:.3g} s:\n"
+        f"  {worlds * UNTIL_REST / took:.3g} world steps a second\n"
+        f"  {np.count_nonzero(speed < 0.01)} rest: no velocity above 0.01 m/s or rad/s\n"
+        f"  {np.count_nonzero(above > 1e-3)} rose above where they began, by {above.max():.2g} m\n"
+        f"  largest penetration {-1e3 * np.asarray(lowest).min():.3g} mm, "
+        f"at the end {-1e3 * np.asarray(data._impl.contact.dist).min():.3g} mm\n"
+        f"  {np.count_nonzero(~np.isfinite(speed))} ended in NaN",
+        flush=True,
+    )
 
 
 def main() -> None:
-    ball = ratio(mujoco.MjModel.from_xml_string(BALL), {("ball", "floor"): 0.3}, 0.0)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--worlds", type=int, nargs="*", default=[64])
+    parser.add_argument("--rest", action="store_true")
+    asked = parser.parse_args()
     feet = {(foot, "floor"): ConstantRestitution(0.3) for foot in FEET}
-    quadruped = ratio(mujoco.MjModel.from_xml_path(str(QUADRUPED)), feet, 0.05)
-    print("| model | CPU time of a step over `mjx.step` |\n|---|---|")
-    print(f"| ball | {ball:.2f} |\n| quadruped, four feet | {quadruped:.2f} |")
+    print(f"{jax.devices()[0].device_kind}, JAX {jax.__version__}\n")
+    print("| model | worlds | ms a step with the law | with `mjx.step` | ratio |")
+    print("|---|---|---|---|---|")
+    for worlds in asked.worlds:
+        ball = mujoco.MjModel.from_xml_string(BALL)
+        row("ball", ball, {("ball", "floor"): 0.3}, 0.0, worlds)
+        row("quadruped, four feet", QUADRUPED, feet, LIFT, worlds)
+    if asked.rest:
+        land(feet, max(asked.worlds))
 
 
 if __name__ == "__main__":

@@ -332,19 +332,14 @@ def require_motion_at(coordinate: float, timestep: float, fastest: float, bits: 
         raise SettingError("timestep", got, expected, advice)
 
 
-def law_text(law: PythonLaw | None, force: str, by_impact: str) -> str:
-    """Lines of code with a law's numbers filled in; "" without a law.
+def force_text(law: HuntCrossley, force: str, geom: str) -> str:
+    """A law's numbers in an engine's own lines.
 
-    force: the engine's lines for the law of 1975 as a force, with {k}, N/m^n, {n} and {a}, s/m,
-    which is 3 α/2. by_impact: its lines for a law that sets e of each impact, with {} for α, s/m,
-    and {} for the reading of e(v), "law" or "linear".
+    force: lines of eq. (16) with {k}, {n} and {a}: N/m^n, 1 and s/m, a = (3/2) α; and with {geom},
+    the name of the ball's.
     """
-    if law is None:
-        return ""
-    if isinstance(law, HuntCrossley):
-        k, n, a = map(shortest, (law.stiffness, law.exponent, 1.5 * law.alpha))
-        return force.format(k=k, n=n, a=a)
-    return by_impact.format(shortest(law.alpha), law.reading)
+    k, n, a = map(shortest, (law.stiffness, law.exponent, 1.5 * law.alpha))
+    return force.format(k=k, n=n, a=a, geom=geom)
 
 
 class BatchWorld(World):

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.laws.force import HuntCrossley
-from hcbench.laws.restitution import Restitution
 from hcbench.recipes.recipe import map_result
 from hcbench.sim import registry
 from hcbench.sim.capabilities import OpensModels, VariedContact, VariesContacts, opener
@@ -48,8 +47,8 @@ if TYPE_CHECKING:
 
 
 # Places in a ball's state: velocities come after the 7 positions of a free joint.
-_HEIGHT = 2
-_RISING = 7 + 2
+HEIGHT = 2
+RISING = 7 + 2
 # Steps between two looks at which launches have ended.
 _LOOK = 16
 # Once so many times fewer launches than began go on, the steps of the
@@ -60,8 +59,6 @@ _LONGER = 4
 _REST = 256
 # Copies in a batch, at least.
 _WIDTH = 32
-# Impedance of a bounce in one step.
-_ONE_STEP = 0.9999
 
 
 class Copies(ABC):
@@ -94,8 +91,19 @@ class Copies(ABC):
         add = reader(np)
         while np.count_nonzero(reading.end == 0) > fewest and reading.steps.max() < most:
             for state in self.step(_LOOK):
-                reading = Reading(*add(state[:, _HEIGHT], state[:, _RISING], *rule, *reading))
+                reading = Reading(*add(state[:, HEIGHT], state[:, RISING], *rule, *reading))
         return reading
+
+    def place_balls(self, rest: Floats, heights: Floats, rising: Floats) -> Floats:
+        """Place balls that differ in height and in velocity upwards alone; both as the engine then
+        has them, (2, b).
+
+        rest: state of a ball at rest, (n,). heights: (b,), m. rising: (b,), m/s.
+        """
+        states = np.tile(rest, (len(heights), 1))
+        at = [HEIGHT, RISING]
+        states[:, at] = np.stack([heights, rising], axis=1)
+        return self.place(states)[:, at].T
 
     def place_first(self, states: Floats) -> Floats:
         """Place the first copies by their states, shape (b, n); the others follow the last of them."""
@@ -124,15 +132,13 @@ class CopiesWorld(BatchWorld):
         self.places = copies.places
         self.bits = copies.bits
         self.room = copies.room
-        self._at = [_HEIGHT, _RISING]
+        self._at = [HEIGHT, RISING]
 
     def place(self, heights: Floats, velocities: Floats) -> Floats:
         """Put the balls at heights, m, with velocities upwards, m/s; both as the engine then has
         them, (2, b).
         """
-        states = np.tile(self._rest, (len(heights), 1))
-        states[:, self._at] = np.stack([heights, velocities], axis=1)
-        return self._copies.place(states)[:, self._at].T
+        return self._copies.place_balls(self._rest, heights, velocities)
 
     def read(self, launches: Launches) -> Impacts:
         """The impacts of launches, in order, read while all are stepped together.
@@ -218,14 +224,12 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
     own: words of the options that it does not have.
     lacks: its features that this engine ignores without a warning, as it names them.
     exact: how to have it compute in 64 bits.
-    sets_solref: whether its lines of e(v) set the solref of a contact in one step.
     """
 
     model_engine: str
     own: tuple[str, ...] = ("law", "device")
     lacks: frozenset[str] = frozenset()
     exact = ""
-    sets_solref = True
     oblique = False
     several_corners = True
 
@@ -342,16 +346,8 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
         return opener(registry.engine(self.model_engine))
 
     def _shared(self, setting: Setting) -> Setting:
-        """The part of a setting that `model_engine` reads, as a setting of that engine.
-
-        If this engine has a law e(v) and sets the solref of a contact by it (`sets_solref`), the
-        setting has one row for it, a pure damper 1/h, with which a contact answers in one step.
-        """
+        """Part of a setting that `model_engine` reads, as a setting of that engine."""
         options = {word: value for word, value in setting.options.items() if word not in self.own}
-        if self.sets_solref and isinstance(self.law(setting), Restitution):
-            d = _ONE_STEP
-            row = {"solref": [0.0, -1.0 / setting.timestep], "solimp": [d, d, 0.001, 0.5, 2.0]}
-            options["rows"] = [row]
         return replace(setting, engine=self.model_engine, options=options)
 
     def law(self, setting: Setting) -> PythonLaw | None:

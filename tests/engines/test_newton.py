@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hcbench.engines.newton import NewtonEngine
+from hcbench.engines.newton.engine import NewtonEngine
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.target import Target
 from hcbench.sim import install, registry
@@ -59,9 +59,9 @@ def test_under_gravity_xpbd_puts_the_ball_on_the_plane_so_that_it_loses_energy_b
 
 
 @pytest.mark.needs_engine("newton")
-def test_xpbd_is_given_the_restitution_of_each_impact() -> None:
+def test_its_mujoco_solver_is_given_the_restitution_of_each_impact() -> None:
     setting = registry.recipe("newton.restitution-law")(target(1e-4))
-    for scene, within in ((PLANE, 2e-7), (WITH_GRAVITY, 0.05)):
+    for scene, within in ((PLANE, 1e-6), (WITH_GRAVITY, 1e-4)):
         v, e = restitutions(setting, scene)
         assert np.abs(e - target(1e-4).restitution(v)).max() < within
 
@@ -80,10 +80,27 @@ def test_the_closed_form_of_the_spring_and_damper_holds_in_small_steps() -> None
     assert abs(float(e.mean()) - float(ends.mean())) < 2e-3
 
 
-def test_an_e_for_a_solver_without_one_is_refused() -> None:
-    options = {"solver": "SemiImplicit", "law": {"kind": "restitution", "alpha": 0.3}}
-    with pytest.raises(SettingError, match=r"newton option 'solver': 'SemiImplicit' with an e"):
-        registry.engine("newton").script(PLANE, Setting("newton", "mine", 1e-3, options))
+@pytest.mark.parametrize(
+    ("option", "named"),
+    [
+        ({"restitution": 0.8}, "'SemiImplicit' with an e; expected 'XPBD'"),
+        ({"law": {"kind": "restitution", "alpha": 0.3}}, "'SemiImplicit' with a law; .*'MuJoCo'"),
+    ],
+)
+def test_an_e_or_a_law_for_a_solver_without_one_is_refused(
+    option: dict[str, Any], named: str
+) -> None:
+    setting = Setting("newton", "mine", 1e-3, {"solver": "SemiImplicit", **option})
+    with pytest.raises(SettingError, match=f"newton option 'solver': {named}"):
+        registry.engine("newton").script(PLANE, setting)
+
+
+def test_no_text_to_paste_changes_mass_or_friction() -> None:
+    engine = registry.engine("newton")
+    recipes = registry.recipes("newton").values()
+    texts = [engine.snippet(recipe(target(1e-5)), "plane") for recipe in recipes]
+    assert len(texts) > 6
+    assert not [text for text in texts if "density" in text or "mu=" in text]
 
 
 @pytest.mark.needs_engine("newton")

@@ -107,7 +107,9 @@ def test_only_the_front_door_imports_by_a_string() -> None:
 ABOUT_ENGINES = {
     "contact/mjx.py",
     "contact/mujoco.py",
+    "contact/newton.py",
     "contact/pybullet.py",
+    "contact/warp.py",
     "cases/make.py",
     "cli/help.py",
     "tuning/ask.py",

@@ -29,7 +29,9 @@ MODULES = (
     "hcbench.paper",
     "hcbench.contact.mjx",
     "hcbench.contact.mujoco",
+    "hcbench.contact.newton",
     "hcbench.contact.pybullet",
+    "hcbench.contact.warp",
 )
 WRONG: list[Any] = [
     None,
@@ -117,6 +119,14 @@ RIGHT: dict[str, dict[str, Any]] = {
         "restitution": 0.9,
     },
     "hcbench.contact.mjx.restitution": {"model": SPEC.compile(), "pairs": {("ball", "plate"): 0.3}},
+    "hcbench.contact.newton.restitution": {
+        "solver": object(),
+        "pairs": {("ball", "plate"): 0.3},
+    },
+    "hcbench.contact.warp.restitution": {
+        "model": SPEC.compile(),
+        "pairs": {("ball", "plate"): 0.3},
+    },
     "hcbench.contact.mujoco.config": {"law": LAW},
     "hcbench.contact.mujoco.add_to_spec": {"spec": SPEC, "law": LAW, "geoms": ("ball", "plate")},
     "hcbench.contact.mujoco.hertz_stiffness": {

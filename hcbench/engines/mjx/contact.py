@@ -16,37 +16,34 @@ several contacts collide in rounds, here all of them have Newton's rule at once.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from hcbench.engines.mjx.engine import MjxEngine
-from hcbench.laws.restitution import ConstantRestitution, Restitution
-from hcbench.sim.packages import suggest_names
-from hcbench.system.errors import SettingError, UserError
+from hcbench.sim.pair_laws import (
+    BEARS,
+    LAW,
+    LINEAR,
+    NUMBERS,
+    RISE,
+    STILL,
+    SWEEPS,
+    E,
+    Laws,
+    Pairs,
+    laws_of,
+)
+from hcbench.system.errors import UserError
 from hcbench.terms.arguments import checked
-from hcbench.terms.units import is_real
 
-# Steps of what presses a contact whose speed counts as rest.
-_STILL = 1.1
-# Sweeps over the contacts that collide, at most; and the change, as a share of the fastest approach,
-# below which they have settled.
-_SWEEPS = 100
+# The change, as a share of the fastest approach, below which sweeps over the contacts that collide
+# have settled.
 _SETTLED = 1e-6
-# e of eq. (16) depends on α v alone: its table, which is straight between the points to 3e-7.
-_NUMBERS = np.concatenate([[0.0], np.geomspace(1e-6, 1e3, 8000)])
-_E = np.clip(Restitution(1.0).at(_NUMBERS), 0.0, 1.0)
-# Share of the speed of rest with which a resting contact gives depth back, and the share of its
-# load, over what its impedance lets by, that it bears at least.
-_RISE = 0.5
-_BEARS = 2.0
+# Contacts that one sweep, or several, are written out for in a compiled step.
+_UNROLLED = 16
 
-# What a pair's value is: α of eq. (16), α of eq. (2), or e.
-_LAW, _LINEAR, _CONSTANT = range(3)
-
-Value = float | Restitution | ConstantRestitution
 Step = Callable[..., Any]
 
 
@@ -66,22 +63,8 @@ class _Touch(NamedTuple):
     moves: Any
 
 
-@dataclass(frozen=True)
-class _Laws:
-    """Laws of all pairs, by number.
-
-    pair_of: number of the pair of two geoms, (ngeom, ngeom); -1 of none.
-    values: α, s/m, or a constant e, of each pair.
-    readings: what each value is: that of _LAW, _LINEAR or _CONSTANT.
-    """
-
-    pair_of: np.ndarray
-    values: np.ndarray
-    readings: np.ndarray
-
-
 @checked
-def restitution(model: Any, pairs: Mapping[tuple[str, str], Value]) -> Step:
+def restitution(model: Any, pairs: Pairs) -> Step:
     """Return `step(model, data)`, as `mujoco.mjx.step`, in which these pairs bounce by their law.
 
     Parameters
@@ -109,17 +92,7 @@ def restitution(model: Any, pairs: Mapping[tuple[str, str], Value]) -> Step:
         For an option that no step of this kind has been tried with.
 
     """
-    import mujoco
-
-    if not isinstance(model, mujoco.MjModel):
-        raise UserError("model", f"a {type(model).__name__}", "an MjModel")
-    if model.opt.integrator not in (
-        mujoco.mjtIntegrator.mjINT_EULER,
-        mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
-    ):
-        name = mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_")
-        raise SettingError("integrator", name, "Euler or implicitfast")
-    laws = _laws(model, pairs)
+    laws = laws_of(model, pairs)
     defaults = laws.values
     MjxEngine.backend.module("mujoco.mjx")
 
@@ -142,61 +115,7 @@ def restitution(model: Any, pairs: Mapping[tuple[str, str], Value]) -> Step:
     return step
 
 
-def _laws(model: Any, pairs: Mapping[tuple[str, str], Value]) -> _Laws:
-    """The laws of all pairs of geoms.
-
-    pairs: {two names of geoms or bodies: e, or their law}. Raises UserError for names that the
-    model lacks, for none at all, and for two geoms that two pairs mean.
-    """
-    if not pairs:
-        raise UserError("pairs", "none", 'two names and a law, as {("ball", "floor"): 0.3}')
-    pair_of = np.full((model.ngeom, model.ngeom), -1)
-    values = []
-    readings = []
-    for number, (names, value) in enumerate(pairs.items()):
-        first, second = (_geoms(model, name) for name in names)
-        moves = model.body_weldid[model.geom_bodyid[[*first, *second]]] != 0
-        if not moves.any() or set(first) & set(second):
-            raise UserError("pairs", f"{names} cannot meet", "two parts, one of which moves")
-        if np.any(pair_of[np.ix_(first, second)] >= 0):
-            raise UserError("pairs", f"{names} is in two pairs", "each pair once")
-        pair_of[np.ix_(first, second)] = number
-        pair_of[np.ix_(second, first)] = number
-        law: Restitution | ConstantRestitution
-        if isinstance(value, Restitution | ConstantRestitution):
-            law = value
-        elif is_real(value):
-            law = Restitution(float(value))
-        else:
-            raise UserError("pairs", f"{value!r} of {names}", "α in s/m, or a law")
-        if isinstance(law, ConstantRestitution):
-            values.append(law.restitution)
-            readings.append(_CONSTANT)
-        else:
-            values.append(law.alpha)
-            readings.append(_LAW if law.reading == "law" else _LINEAR)
-    return _Laws(pair_of, np.array(values), np.array(readings))
-
-
-def _geoms(model: Any, name: str) -> np.ndarray:
-    """Ids of the geom of this name, (1,), or of all geoms of the body, (n,).
-
-    model: MjModel. Raises UserError for a name that neither has, and for a body without geoms.
-    """
-    geoms = [model.geom(i).name for i in range(model.ngeom)]
-    if name in geoms:
-        return np.array([geoms.index(name)])
-    bodies = [model.body(i).name for i in range(model.nbody)]
-    if name in bodies:
-        found = np.flatnonzero(model.geom_bodyid == bodies.index(name))
-        if not found.size:
-            raise UserError("pairs", f"body {name!r} has no geom", "one that can touch")
-        return found
-    known = [each for each in (*geoms, *bodies) if each]
-    raise UserError("pairs", f"no geom or body {name!r}", *suggest_names(name, known))
-
-
-def _forward(laws: _Laws, model: Any, data: Any, values: Any) -> Any:
+def _forward(laws: Laws, model: Any, data: Any, values: Any) -> Any:
     """MJX's forward dynamics with the impacts at its start: the data with forces and accelerations
     of the step.
 
@@ -223,7 +142,7 @@ def _forward(laws: _Laws, model: Any, data: Any, values: Any) -> Any:
     return mjx.sensor_acc(model, data)
 
 
-def _collide(laws: _Laws, model: Any, before: Any, data: Any, values: Any) -> Any:
+def _collide(laws: Laws, model: Any, before: Any, data: Any, values: Any) -> Any:
     """Let contacts collide: data with the velocities after it, and with contacts whose rows only
     let them rest.
 
@@ -238,7 +157,7 @@ def _collide(laws: _Laws, model: Any, before: Any, data: Any, values: Any) -> An
     # Of gravity, motors and springs, as the step before had them.
     presses = jnp.maximum(-(touch.rows[:, 0] @ data.qacc_smooth), 0.0)
     load = jnp.maximum(presses, _loads(model, touch, before, data))
-    calm = _STILL * timestep * load + 1e-9
+    calm = STILL * timestep * load + 1e-9
     target, half = _targets(laws, touch, values, -rates[:, 0], presses, calm, timestep)
     shifted = rates.at[:, 0].add(-half)
     impulse = _impulses(touch, shifted, target)
@@ -248,7 +167,7 @@ def _collide(laws: _Laws, model: Any, before: Any, data: Any, values: Any) -> An
     return data.replace(qvel=qvel).tree_replace({"_impl.contact": contact})
 
 
-def _touch(laws: _Laws, model: Any, data: Any) -> _Touch:
+def _touch(laws: Laws, model: Any, data: Any) -> _Touch:
     """All contacts of a world as its laws see them; `law` is -1 of those that touch nothing or have
     no law.
 
@@ -271,7 +190,11 @@ def _touch(laws: _Laws, model: Any, data: Any) -> _Touch:
     law = jnp.array(laws.pair_of)[contact.geom[:, 0], contact.geom[:, 1]]
     law = jnp.where(depth > 0.0, law, -1)
     friction = contact.friction[:, :2] * (jnp.array(contact.dim) > 1)[:, None]
-    factor = jax.scipy.linalg.cho_factor(mjx.full_m(model, data))
+    # MJX keeps a dense M⁻¹ as its Cholesky factor.
+    if mjx.is_sparse(model):
+        factor = jax.scipy.linalg.cho_factor(mjx.full_m(model, data))
+    else:
+        factor = (data._impl.qLD, False)
     moves = jax.scipy.linalg.cho_solve(factor, rows.reshape(-1, model.nv).T).T
     return _Touch(law, depth, friction, rows, moves.reshape(rows.shape))
 
@@ -320,7 +243,7 @@ def _normal_forces(model: Any, data: Any) -> Any:
 
 
 def _targets(
-    laws: _Laws,
+    laws: Laws,
     touch: _Touch,
     values: Any,
     approach: Any,
@@ -346,8 +269,8 @@ def _targets(
     value = jnp.asarray(values)[touch.law]
     number = value * at_plane
     e = jnp.select(
-        [jnp.array(laws.readings == reading)[touch.law] for reading in (_LAW, _LINEAR)],
-        [jnp.interp(number, jnp.array(_NUMBERS), jnp.array(_E)), 1.0 - number],
+        [jnp.array(laws.readings == reading)[touch.law] for reading in (LAW, LINEAR)],
+        [jnp.interp(number, jnp.array(NUMBERS), jnp.array(E)), 1.0 - number],
         value,
     )
     out = jnp.clip(e, 0.0, 1.0) * at_plane
@@ -368,6 +291,7 @@ def _impulses(touch: _Touch, rates: Any, target: Any) -> Any:
     import jax.numpy as jnp
 
     count = target.size
+    together = max(1, _UNROLLED // count)
     couples = jnp.einsum("ikv,jlv->ikjl", touch.rows, touch.moves)
     own = jnp.einsum("ikik->ik", couples)
     acts = (touch.law >= 0) & (own[:, 0] > 0.0)
@@ -393,14 +317,19 @@ def _impulses(touch: _Touch, rates: Any, target: Any) -> Any:
         return impulse.at[i].set(new), jnp.maximum(change, moved)
 
     def sweep(carry: Any) -> Any:
+        """Go over all contacts together so many times: a GPU waits at each look whether all is
+        settled, and runs unrolled sweeps in one kernel.
+        """
         impulse, _, sweeps = carry
-        start = impulse, jnp.zeros_like(fastest)
-        impulse, change = jax.lax.fori_loop(0, count, solve_contact, start)
-        return impulse, change, sweeps + 1
+        for _ in range(together):
+            start = impulse, jnp.zeros_like(fastest)
+            unroll = count <= _UNROLLED or None
+            impulse, change = jax.lax.fori_loop(0, count, solve_contact, start, unroll=unroll)
+        return impulse, change, sweeps + together
 
     def goes_on(carry: Any) -> Any:
         _, change, sweeps = carry
-        return (change > _SETTLED * fastest) & (sweeps < _SWEEPS)
+        return (change > _SETTLED * fastest) & (sweeps < SWEEPS)
 
     impulse, _, _ = jax.lax.while_loop(goes_on, sweep, (jnp.zeros_like(rates), fastest, 0))
     # Work of the impulses: p.(u before + u after)/2, which a share of them makes 0 at most.
@@ -429,7 +358,7 @@ def _resting(contact: Any, touch: _Touch, parts: Any, load: Any, timestep: Any) 
     stiffness = jnp.minimum(stiffness, 0.25 / timestep**2)
     damping = jnp.clip(damping, 2.0 * jnp.sqrt(stiffness), 1.0 / timestep)
     lets_by = 1.0 / jnp.maximum(contact.solimp[:, 0], 1e-4) - 1.0
-    most = jnp.maximum(_RISE * _STILL * timestep * damping, _BEARS * lets_by) * load
+    most = jnp.maximum(RISE * STILL * timestep * damping, BEARS * lets_by) * load
     stiffness = jnp.minimum(stiffness, most / jnp.maximum(touch.depth, 1e-9))
     solref = jnp.stack([-stiffness, -damping], axis=1)
     away = contact.includemargin + 1.0

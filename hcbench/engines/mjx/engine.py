@@ -17,7 +17,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -28,8 +28,15 @@ from hcbench.recipes.recipe import Integrators
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact
 from hcbench.sim.read_impact import Reading, reader
-from hcbench.sim.scripted import batch_in, free_memory, law_text, no_gpu
-from hcbench.sim.shared_model import Copies, SharedModelEngine, changed, shared_recipes
+from hcbench.sim.scripted import batch_in, force_text, free_memory, no_gpu
+from hcbench.sim.shared_model import (
+    HEIGHT,
+    RISING,
+    Copies,
+    SharedModelEngine,
+    changed,
+    shared_recipes,
+)
 from hcbench.system.errors import SceneError, SettingError
 from hcbench.system.files import user_folder
 from hcbench.system.text import shortest
@@ -78,7 +85,6 @@ class MjxEngine(DescribesContact, SharedModelEngine):
     # MuJoCo's, of two geoms.
     default_friction = 1.0
     own = ("law", "precision", "device")
-    sets_solref = False
     devices = ("cpu", "gpu")
     lacks = frozenset({"adhesion", "impedance in float32"})
     exact = "JAX_ENABLE_X64=1 (a setting: precision = 'float64')"
@@ -94,14 +100,14 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         """Lines of Python of a step of one world with a law in it, for jit and vmap; "" without a
         law.
 
-        pair: names of the two geoms, in the lines of a law that sets e of each impact.
+        pair: names of the two geoms.
         """
+        first, second = pair
         if isinstance(law, Restitution):
-            first, second = pair
             return _EACH.format(
                 first=first, second=second, alpha=shortest(law.alpha), reading=law.reading
             )
-        return law_text(law, _FORCE, "")
+        return force_text(law, _FORCE, first) if law else ""
 
     def copies(
         self,
@@ -151,7 +157,7 @@ class MjxEngine(DescribesContact, SharedModelEngine):
             on_device,
             empty.replace(**held),
             bits,
-            *_compiled(law or "step = mjx.step", radius, bits, model if _OWN in law else None),
+            _compiled(law or "step = mjx.step", radius, bits, model if _OWN in law else None),
         )
         if device:
             memory = (chosen.memory_stats() or {}).get("bytes_limit") or free_memory()
@@ -183,49 +189,66 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         return Vocabulary(rows, caveats=_CAVEATS)
 
 
+class _Functions(NamedTuple):
+    """Compiled functions of copies of one model.
+
+    place: puts them into states. place_balls: puts balls at heights, with velocities upwards.
+    run: takes steps and records them. read: takes steps and reads impacts instead.
+    """
+
+    place: Any
+    place_balls: Any
+    run: Any
+    read: Any
+
+
 class MjxCopies(Copies):
     """Copies of a model in one vmap."""
 
     places = _PLACES
 
-    def __init__(self, model: Any, empty: Any, bits: int, place: Any, run: Any, read: Any) -> None:
+    def __init__(self, model: Any, empty: Any, bits: int, functions: _Functions) -> None:
         """Keep a model, its data, and the compiled functions that step its copies.
 
         model, empty: MJX's Model, and Data at the start, both on the device. bits: of their
-        numbers, 32 or 64. place: puts copies into states. run: takes steps and returns the states
-        after each. read: takes steps and returns the reading of each launch.
+        numbers, 32 or 64. functions: of this model's kind.
         """
         self.bits = bits
         self._model = model
         self._empty = empty
-        self._place = place
-        self._run = run
+        self._functions = functions
         self.kind = np.dtype(f"f{bits // 8}").type
-        self._read = read
 
     def place(self, states: Floats) -> Floats:
         """Put the copies into new states."""
         rounded = states.astype(f"f{self.bits // 8}")
-        self._data = self._place(self._empty, rounded)
+        self._data = self._functions.place(self._empty, rounded)
         return rounded.astype(np.float64)
+
+    def place_balls(self, rest: Floats, heights: Floats, rising: Floats) -> Floats:
+        """Put balls into states that are made on the device: two numbers of each are sent."""
+        balls = np.stack([heights, rising]).astype(self.kind)
+        self._data = self._functions.place_balls(self._empty, rest.astype(self.kind), *balls)
+        return balls.astype(np.float64)
 
     def step(self, steps: int) -> Floats:
         """Up to as many steps as the buffer takes."""
         count = min(steps, _BUFFER)
-        self._data, path = self._run(self._model, self._data, count)
+        self._data, path = self._functions.run(self._model, self._data, count)
         return np.asarray(path, np.float64)[:count]
 
     def read_on(self, rule: Rule, reading: Reading, fewest: int, most: int) -> Reading:
         """Step and read balls on the device; nothing is sent back between steps."""
-        self._data, reading = self._read(self._model, self._data, rule, reading, fewest, most)
+        self._data, reading = self._functions.read(
+            self._model, self._data, rule, reading, fewest, most
+        )
         return Reading(*map(np.asarray, reading))
 
 
 @lru_cache(maxsize=16)
-def _compiled(step_text: str, radius: float, bits: int, own: Any) -> tuple[Any, Any, Any]:
-    """Compile three functions of copies of a model: `place` puts them into states, `run` takes steps
-    and records them, `read` takes steps and reads impacts instead. They are kept for each law,
-    radius, precision and model.
+def _compiled(step_text: str, radius: float, bits: int, own: Any) -> _Functions:
+    """Compile the functions of copies of a model. They are kept for each law, radius, precision and
+    model.
 
     step_text: lines that define `step(model, data)`. radius: of the ball, m. bits: 32 or 64; not
     used here, but the compiled functions of each are kept apart.
@@ -255,6 +278,10 @@ def _compiled(step_text: str, radius: float, bits: int, own: Any) -> tuple[Any, 
         """Data of one copy in a state, positions and velocities, (nq + nv,)."""
         return empty.replace(qpos=state[: empty.qpos.size], qvel=state[empty.qpos.size :])
 
+    def place_ball(empty: Any, rest: Any, height: Any, rising: Any) -> Any:
+        """Data of one ball that rests but for its height, m, and its velocity upwards, m/s."""
+        return place(empty, rest.at[HEIGHT].set(height).at[RISING].set(rising))
+
     def read(model: Any, data: Any, rule: Any, reading: Any, fewest: int, most: int) -> Any:
         """Take up to `most` steps, or until at most `fewest` balls go on, and return MJX's Data and the
         reading of each ball then.
@@ -275,7 +302,12 @@ def _compiled(step_text: str, radius: float, bits: int, own: Any) -> tuple[Any, 
         return jax.lax.while_loop(goes_on, one, (data, reading))
 
     add = reader(jnp)
-    return jax.jit(jax.vmap(place, in_axes=(None, 0))), jax.jit(run), jax.jit(read)
+    return _Functions(
+        place=jax.jit(jax.vmap(place, in_axes=(None, 0))),
+        place_balls=jax.jit(jax.vmap(place_ball, in_axes=(None, None, 0, 0))),
+        run=jax.jit(run),
+        read=jax.jit(read),
+    )
 
 
 _FORCE = """\

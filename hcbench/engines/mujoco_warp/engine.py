@@ -15,22 +15,24 @@ from __future__ import annotations
 import copy
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
+from hcbench.laws.restitution import Restitution
 from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Integrators
 from hcbench.recipes.target import Target
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact
 from hcbench.sim.read_impact import EACH, WHOLE, Reading, Rule, reader
-from hcbench.sim.scripted import batch_in, free_memory, law_text, no_gpu, run_lines
+from hcbench.sim.scripted import batch_in, force_text, free_memory, no_gpu, run_lines
 from hcbench.sim.shared_model import Copies, SharedModelEngine, changed, shared_recipes
 from hcbench.system.errors import EngineFailed, SceneError
+from hcbench.system.text import shortest
 from hcbench.terms.setting import PAIR
 
 if TYPE_CHECKING:
@@ -42,6 +44,17 @@ if TYPE_CHECKING:
 
 # Steps between two looks at which balls have ended.
 _LOOK = 8
+# Fields of a state that stay as the user has set them, and what its solver begins with.
+_HELD = (
+    "ctrl",
+    "act",
+    "mocap_pos",
+    "mocap_quat",
+    "eq_active",
+    "qfrc_applied",
+    "xfrc_applied",
+    "qacc_warmstart",
+)
 # Memory that a copy takes, bytes: 7 kB were measured.
 _BYTES = 8_000
 # A step of one world costs as much as of all of them.
@@ -80,15 +93,24 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
         return with_a_geom_each(super().script(scene, setting))
 
     def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
-        """MJCF, or the law's lines."""
+        """MJCF, or a script of a user's own with a law in it."""
         text = super().snippet(setting, form, pair)
+        if self.law(setting) is not None:
+            return _SCRIPT.format(text)
         if text.count("<pair ") > 1:
             text += "\n<!-- as geom1, each pair needs its own massless copy of the ball's geom -->"
         return text
 
     def law_lines(self, law: PythonLaw | None, pair: Pair = PAIR) -> str:
-        """Return the lines that add a law to a model."""
-        return law_text(law, _FORCE, _EACH)
+        """Lines that put a law into `model`, an MjModel, or into `m`, what MuJoCo Warp made of it;
+        they define `step`, which takes the place of `mjw.step`.
+        """
+        first, second = pair
+        if isinstance(law, Restitution):
+            return _EACH.format(
+                first=first, second=second, alpha=shortest(law.alpha), reading=law.reading
+            )
+        return force_text(law, _FORCE, first) if law else ""
 
     def copies(
         self,
@@ -103,7 +125,7 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
 
         model: MjModel. start: MjData of what states leave out.
         bits: unused, as Warp computes in float32.
-        law: lines that are run before the steps; "" for none.
+        law: lines that define the step; "" for MuJoCo Warp's own.
         radius: of the ball, m; 0 for a user's model.
         device: "cpu" or "gpu"; "" for the one that Warp prefers.
 
@@ -118,10 +140,10 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
             on_device = mujoco_warp.put_model(model)
         except (NotImplementedError, ValueError) as error:
             raise SceneError("model", f"MuJoCo Warp: {error}", "what it has of MuJoCo") from None
-        known = {"wp": warp, "mjw": mujoco_warp, "model": on_device, "R": radius, "np": np}
+        known = {"mjw": mujoco_warp, "model": model, "m": on_device}
         # A ball on a plane has few; a user's model may have any.
         most = int(model.npair) + 4 if radius else _MOST_CONTACTS
-        copies = WarpCopies(model, start, most, run_lines(law, known))
+        copies = WarpCopies(model, start, most, run_lines(law or "step = mjw.step", known))
         if device:
             copies.room = batch_in(where.free_memory if where.is_cuda else free_memory(), _BYTES)
         return copies
@@ -187,15 +209,21 @@ class WarpCopies(Copies):
         self._model = model
         self._start = start
         self._most = most
-        self._names = names
-        self._step = names["mjw"].step
-        self._before = names.get("before_step", lambda data: None)
+        self._engine = names["mjw"]
+        self._on_device = names["m"]
+        self._step = names["step"]
 
     def place(self, states: Floats) -> Floats:
         """Put the copies into states (b, nq + nv), SI; returns them rounded to float32."""
-        self._data = self._names["mjw"].put_data(
-            self._model, self._start, nworld=len(states), nconmax=self._most, njmax=self._most
+        # `put_data` would send all arrays of all worlds; most are zero.
+        self._data = self._engine.make_data(
+            self._model, nworld=len(states), nconmax=self._most, njmax=self._most
         )
+        for name in _HELD:
+            one = getattr(self._start, name)
+            if one.size:
+                copies = np.broadcast_to(one, (len(states), *one.shape))
+                getattr(self._data, name).assign(copies)
         self._data.qpos.assign(states[:, : self._model.nq].astype(np.float32))
         self._data.qvel.assign(states[:, self._model.nq :].astype(np.float32))
         return self._state()
@@ -216,27 +244,42 @@ class WarpCopies(Copies):
         """Step, and read balls by a kernel after each step, until few of them go on.
 
         rule: how an impact ends. reading: of each ball until now; returned as it is then.
-        fewest: balls that may still go on. most: steps. This process counts every _LOOK steps, so
-        more are taken. Raises EngineFailed where a copy has more contacts than there is room for.
+        fewest: balls that may still go on. most: steps. This process looks every _LOOK steps, so
+        more are taken; on a GPU the steps between are a graph. Raises EngineFailed where a copy has
+        more contacts than there is room for.
         """
-        warp = self._names["wp"]
-        kernel = _reading_kernel(warp)
+        import warp
+
+        read = _reading_kernel(warp)
+        count = _counting_kernel(warp)
         now = Reading(*map(warp.array, reading))
         constants = [warp.array(number) if number.ndim else number.item() for number in rule]
         seen = [self._data.qpos, self._data.qvel, *constants, *now]
-        while now.steps.numpy().max() < most:
-            going = np.count_nonzero(now.end.numpy() == 0)
-            if going <= fewest:
-                break
+        # Balls that go on, and the most steps of one.
+        progress = warp.zeros(2, dtype=int)
+
+        def take_steps() -> None:
             for _ in range(_LOOK):
                 self._take_step()
-                warp.launch(kernel, dim=self._data.nworld, inputs=seen)
+                warp.launch(read, dim=self._data.nworld, inputs=seen)
+            progress.zero_()
+            warp.launch(count, dim=self._data.nworld, inputs=[now.end, now.steps, progress])
+
+        going, steps = np.count_nonzero(reading.end == 0), reading.steps.max()
+        run = take_steps
+        while going > fewest and steps < most:
+            run()
+            going, steps = progress.numpy()
+            # A graph takes kernels that have run before.
+            if run is take_steps and progress.device.is_cuda:
+                with warp.ScopedCapture() as capture:
+                    take_steps()
+                run = partial(warp.capture_launch, capture.graph)
         self._require_room()
         return Reading(*(column.numpy() for column in now))
 
     def _take_step(self) -> None:
-        self._before(self._data)
-        self._step(self._names["model"], self._data)
+        self._step(self._on_device, self._data)
 
     def _require_room(self) -> None:
         if self._data.overflow.numpy().any():
@@ -293,32 +336,54 @@ def _reading_kernel(warp: Any) -> Any:
     return run_lines("\n".join(lines), {"wp": warp, "add": warp.func(add)})["read"]
 
 
+@cache
+def _counting_kernel(warp: Any) -> Any:
+    """A kernel of Warp that counts the balls which go on, and finds the most steps of one.
+
+    It is made once: Warp compiles each kernel that it is given anew.
+    """
+    return run_lines(_COUNT, {"wp": warp})["count"]
+
+
+_COUNT = """\
+@wp.kernel
+def count(end: wp.array[int], steps: wp.array[int], progress: wp.array[int]):
+    i = wp.tid()
+    if end[i] == 0:
+        wp.atomic_add(progress, 0, 1)
+    wp.atomic_max(progress, 1, steps[i])"""
 _FORCE = """\
+import warp as wp
+
 @wp.kernel
 def push(qpos: wp.array2d[float], qvel: wp.array2d[float], radius: float, out: wp.array2d[float]):
-    world = wp.tid()  # contacts are off; the plane is z = 0
+    world = wp.tid()  # the pair's own contact is off; the plane is z = 0
     x = radius - qpos[world, 2]
     if x > 0.0:
-        force = {k} * wp.pow(x, {n}) * (1.0 - {a} * qvel[world, 2])
+        force = float({k}) * wp.pow(x, float({n})) * (1.0 - float({a}) * qvel[world, 2])
         out[world, 2] = out[world, 2] + wp.max(force, 0.0)
 
-def passive(model, data):
-    wp.launch(push, dim=data.nworld, inputs=[data.qpos, data.qvel, R], outputs=[data.qfrc_passive])
+def passive(m, d):
+    inputs = [d.qpos, d.qvel, float(model.geom("{geom}").size[0])]
+    wp.launch(push, dim=d.nworld, inputs=inputs, outputs=[d.qfrc_passive])
 
-model.callback.passive = passive"""
+m.callback.passive = passive
+step = mjw.step"""
 _EACH = """\
-from hcbench.laws.restitution import Restitution
+from hcbench.contact.warp import Restitution, restitution
 
-curve = Restitution({}, {!r})
-h, gravity = model.opt.timestep.numpy()[0], -model.opt.gravity.numpy()[0][2]
-rest = 1 - model.pair_solimp.numpy()[0, 0][0]  # of gravity, by impedance
+step = restitution(model, {{("{first}", "{second}"): Restitution({alpha}, "{reading}")}})"""
+_SCRIPT = """\
+import mujoco
+import mujoco_warp as mjw
 
-def before_step(data):  # each world has a solref of its own; the pair's is that of `impulse`
-    x, v = R - data.qpos.numpy()[:, 2], np.maximum(-data.qvel.numpy()[:, 2], 1e-6)
-    share = curve.rebound(x, v, h, gravity) / v  # so that e is that of the speed at the touch plane
-    damping = (1 + share) / h + rest * gravity / v
-    solref = np.stack([0 * v, -damping], axis=1)[:, None].astype(np.float32)
-    model.pair_solref = wp.array(solref, dtype=wp.vec2)"""
+model = mujoco.MjModel.from_xml_path("my.xml")
+m, d = mjw.put_model(model), mjw.make_data(model, nworld=1024)
+
+{}
+
+for _ in range(1000):
+    step(m, d)  # in place of mjw.step"""
 
 
 _STEPS = Integrators(("Euler", "implicitfast", "RK4"), "MuJoCo Warp does not have this integrator")
@@ -377,7 +442,7 @@ RECIPES = (
     *python_law_recipes(
         "mujoco-warp",
         _NATIVE,
-        "Runs as a kernel in callback.passive, or as lines before each step; solref differs by world.",
+        "Runs as a kernel in callback.passive, or as the step function of `hcbench.contact.warp`.",
         force=_SCATTER,
         each_impact=3e-6,
     ),

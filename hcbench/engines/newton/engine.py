@@ -46,7 +46,7 @@ class NewtonOptions(ScriptOptions):
     rows: MuJoCo's contacts, in place of that of the shapes.
     """
 
-    solver: Literal["XPBD", "SemiImplicit", "MuJoCo"] = "XPBD"
+    solver: Literal["XPBD", "SemiImplicit", "MuJoCo"] | None = None
     restitution: Annotated[Finite | None, Field(ge=0.0, le=1.0)] = None
     ke: Annotated[Finite | None, Field(gt=0.0)] = None
     kd: Annotated[Finite | None, Field(ge=0.0)] = None
@@ -75,26 +75,38 @@ class NewtonEngine(DescribesContact, ScriptedWorldsEngine[NewtonOptions]):
     def lines(self, options: NewtonOptions, scene: Scene) -> str:
         """Lines of Python: shapes, worlds, solver, and what it does before a step.
 
-        Raises SettingError for an e without XPBD, or rows without SolverMuJoCo.
+        Raises SettingError for an e without XPBD, and for a law or rows without SolverMuJoCo.
         """
-        shape, contact, solver, hook = _parts(options)
-        mujoco = "SolverMuJoCo(" in solver
+        solver, values, contact = _parts(options)
+        mujoco = solver == "MuJoCo"
+        by_force = isinstance(options.law, HuntCrossley)
+        # With a mu of 0 the states of SolverMuJoCo are NaN. The mass is that of the body.
+        shape = {"density": 0.0, **values} if mujoco else {"mu": 0.0, "density": 0.0, **values}
+        step = "solver.step"
+        if isinstance(options.law, Restitution):
+            step = 'restitution(solver, {("ball", "plate"): curve})'
         return _LINES.format(
-            shape=shape,
+            shape=_SHAPE.format(arguments(shape)),
             contact=contact or _SHAPES,
-            solver=solver,
-            contacts="None" if mujoco or hook == _FORCE else "collisions.contacts()",
+            solver=_solver(solver, values),
+            take_step=step,
+            contacts="None" if mujoco or by_force else "collisions.contacts()",
             kind="joint" if mujoco else "body",
             reset="\n    solver.reset(now)  # else it starts from the last accelerations"
             if mujoco
             else "",
-            hook=hook,
-            call="\n    before_step()" if hook else "",
+            hook=_FORCE if by_force else "",
+            call="\n    before_step()" if by_force else "",
         )
 
     def paste(self, options: NewtonOptions, timestep: str) -> str:
-        """Shapes, solver, and what it does before a step."""
-        return "\n".join(filter(None, _parts(options)))
+        """Shapes, solver, and what it does before a step, or in place of one."""
+        if isinstance(options.law, Restitution):
+            return _EACH.format(shortest(options.law.alpha), options.law.reading)
+        solver, values, contact = _parts(options)
+        shape = _SHAPE.format(arguments(values)) + "  # of both" if values else ""
+        hook = _FORCE if options.law else ""
+        return "\n".join(filter(None, (shape, contact, _solver(solver, values), hook)))
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
         """Newton's restitution, ke and kd of a contact."""
@@ -115,37 +127,32 @@ class NewtonEngine(DescribesContact, ScriptedWorldsEngine[NewtonOptions]):
         )
 
 
-def _parts(options: NewtonOptions) -> tuple[str, str, str, str]:
-    """(lines of both shapes, of contact pairs, of the solver, function of a law); "" for none.
+def _parts(options: NewtonOptions) -> tuple[str, dict[str, float], str]:
+    """(name of the solver, what the setting gives both shapes, lines of contact pairs); "" for none.
 
-    Raises SettingError for an e without XPBD, or rows without SolverMuJoCo.
+    Raises SettingError for an e without XPBD, and for a law or rows without SolverMuJoCo.
     """
-    solver = options.solver
+    solver = options.solver or "XPBD"
     if isinstance(options.law, HuntCrossley):
         solver = "SemiImplicit"
-    bounces = options.restitution is not None or isinstance(options.law, Restitution)
-    _require_solver(solver, "XPBD", "an e", bounces)
+    if isinstance(options.law, Restitution):
+        _require_solver(options.solver or "MuJoCo", "MuJoCo", "a law", True)
+        solver = "MuJoCo"
+    _require_solver(solver, "XPBD", "an e", options.restitution is not None)
     _require_solver(solver, "MuJoCo", "rows", bool(options.rows))
 
-    keywords = {"density": 0.0}
-    # With a mu of 0 the states of SolverMuJoCo are NaN.
-    if solver != "MuJoCo":
-        keywords = {"mu": 0.0, **keywords}
-    keywords |= options.model_dump(include={"restitution", "ke", "kd"}, exclude_none=True)
-    own = "your own mass" if "mu" not in keywords else "your own mass and friction"
-    head = f"shape = newton.ModelBuilder.ShapeConfig({arguments(keywords)})  # of both: write {own}"
-
+    values = options.model_dump(include={"restitution", "ke", "kd"}, exclude_none=True)
     lines = []
     for row in options.rows:
         numbers = map(shortest, (*row.solref, *row.solimp, row.onset))
         lines.append(f"\n    ({', '.join(numbers)}),")
-    pairs = _PAIRS.format("".join(lines)) if lines else ""
+    return solver, values, _PAIRS.format("".join(lines)) if lines else ""
 
-    more = ", enable_restitution=True" if bounces else ""
-    hook = ""
-    if options.law:
-        hook = _EACH if bounces else _FORCE
-    return head, pairs, f"solver = newton.solvers.Solver{solver}(model{more})", hook
+
+def _solver(name: str, values: Mapping[str, float]) -> str:
+    """The line that makes a solver, for shapes with these values."""
+    more = ", enable_restitution=True" if "restitution" in values else ""
+    return f"solver = newton.solvers.Solver{name}(model{more})"
 
 
 def _require_solver(solver: str, only: str, what: str, is_given: bool) -> None:
@@ -159,6 +166,7 @@ import numpy as np
 import warp as wp
 wp.config.quiet = True
 import newton
+from hcbench.contact.newton import restitution
 worlds = 1
 {shape}
 ball, scene = (newton.ModelBuilder(gravity=(0.0, 0.0, -gravity)) for _ in range(2))
@@ -168,6 +176,7 @@ body = ball.add_body(xform=wp.transform((0.0, 0.0, R), wp.quat_identity()), mass
 scene.replicate(ball, worlds)
 model = scene.finalize()
 {solver}
+take_step = {take_step}
 collisions = newton.CollisionPipeline(model)
 contacts, control = {contacts}, model.control()  # None: not by these contacts
 def place(height, velocity):
@@ -188,12 +197,13 @@ def step():
     now.clear_forces(){call}
     if contacts is not None:
         collisions.collide(now, contacts)
-    solver.step(now, after, control, contacts, timestep)
+    take_step(now, after, control, contacts, timestep)
     now, after = after, now
     return state()"""
 _SHAPES = """\
-ball.add_shape_sphere(body, radius=R, cfg=shape)
-scene.add_ground_plane(cfg=shape)"""
+ball.add_shape_sphere(body, radius=R, cfg=shape, label="ball")
+scene.add_ground_plane(cfg=shape, label="plate")"""
+_SHAPE = "shape = newton.ModelBuilder.ShapeConfig({})"
 _PAIRS = """\
 plane = ball.add_ground_plane(cfg=shape)  # in each world, as a pair's shapes are of one
 for row in (  # solref, solimp, depth from which it acts; a sphere each: of pairs of the same two one acts{}
@@ -208,14 +218,12 @@ def before_step():  # after clear_forces(); contacts are left out of the step
     force[:, 2] = [law(R - height, -velocity) for height, velocity in zip(z, v)]
     now.body_f.assign(force)
 """
-_EACH = """
-balls = model.shape_body.numpy() >= 0
-def before_step():  # the shapes' restitutions are averaged: the plane has none
-    speed = gravity * timestep - now.body_qd.numpy()[:, 2]  # what XPBD turns around
-    restitution = np.zeros(len(balls), np.float32)
-    restitution[balls] = 2 * np.clip(curve.at(np.maximum(speed, 0)), 0, 1)
-    model.shape_material_restitution.assign(restitution)
-"""
+_EACH = """\
+from hcbench.contact.newton import Restitution, restitution
+
+solver = newton.solvers.SolverMuJoCo(model)
+step = restitution(solver, {{("ball", "plate"): Restitution({}, "{}")}})  # labels of your shapes
+# then, in place of solver.step: step(state_in, state_out, control, None, timestep)"""
 
 
 # Range of e by float32, in contacts of many steps.
@@ -289,7 +297,9 @@ _NATIVE = (
         } for name, within, note in _LENT
     }),
 )  # fmt: skip
-_HOOK = "Before each step, set body_f after clear_forces(), or shape_material_restitution for each world."
+_HOOK = (
+    "Set body_f before each step, or take the steps of SolverMuJoCo by `hcbench.contact.newton`."
+)
 RECIPES = (
     *_NATIVE,
     *python_law_recipes("newton", _NATIVE, _HOOK, force=_SCATTER, each_impact=2e-6),

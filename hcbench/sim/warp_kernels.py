@@ -1,0 +1,590 @@
+"""Kernels of Warp that let contacts of many worlds collide; `hcbench.sim.warp_contact` starts them.
+
+Warp reads the source text of this file: only code that has Warp may import it. Contacts of all
+worlds lie together, in the order in which threads found them; a list for each world links its own.
+"""
+
+import warp as wp
+
+from hcbench.sim.pair_laws import (
+    BEARS,
+    CONSTANT,
+    LEAST_NUMBER,
+    LINEAR,
+    MOST_NUMBER,
+    NUMBERS,
+    RISE,
+    STILL,
+    SWEEPS,
+)
+
+wp.set_module_options({"enable_backward": False})
+
+# Friction and impedance have five numbers.
+_Five = wp.types.vector(length=5, dtype=float)
+# Marks a contact that a solver's rows are made of, in MJCF models on a device.
+_CONSTRAINT = wp.constant(1)
+_STILL = wp.constant(STILL)
+_SWEEPS = wp.constant(SWEEPS)
+_RISE = wp.constant(RISE)
+_BEARS = wp.constant(BEARS)
+_LINEAR = wp.constant(LINEAR)
+_CONSTANT = wp.constant(CONSTANT)
+_LEAST_NUMBER = wp.constant(LEAST_NUMBER)
+_POINTS = wp.constant(NUMBERS.size - 1)
+_POINTS_PER_E_FOLD = wp.constant(
+    float((NUMBERS.size - 2) / (wp.log(MOST_NUMBER) - wp.log(LEAST_NUMBER)))
+)
+# Change of a rate below which sweeps have settled: as a share of the fastest approach, and of the
+# fastest rate, below which float32 has noise alone.
+_SETTLED = wp.constant(1e-5)
+_NOISE = wp.constant(4e-7)
+# Speed of a place of contact, beside that of its slip, up to which it is that of the step before.
+_WANDERS = wp.constant(0.1)
+
+
+@wp.struct
+class Found:
+    """Contacts of all worlds, as the engine found them in this step, or had them in the last.
+
+    count: of them, (1,). world, dim: of each. geom: of both sides. mark: of those that are solved.
+    """
+
+    count: wp.array[int]
+    world: wp.array[int]
+    geom: wp.array[wp.vec2i]
+    mark: wp.array[int]
+    dim: wp.array[int]
+    dist: wp.array[float]
+    margin: wp.array[float]
+    pos: wp.array[wp.vec3]
+    frame: wp.array[wp.mat33]
+    solref: wp.array[wp.vec2]
+    row: wp.array2d[int]
+
+
+@wp.struct
+class Room:
+    """Numbers of a step that outlive none, for each contact; and the heads of the worlds' lists.
+
+    first, first_before: of the contacts of a law, now and in the step before, (worlds,); -1 of
+    none. following, following_before: in those lists. geom_before, pos_before, force_before: of the
+    step before. law: number of the pair; -1 of none. dist, solref: as found. rows: rates over
+    velocities, along the normal (apart above 0) and two tangents, (contacts, nv). moves: M⁻¹ of the
+    rows. own: rates that impulses of the same contact make. rate: before impulses, less half a
+    step's push. target: least rate at which it parts. calm: speed that counts as rest. load: m/s².
+    factor: L and D of M = Lᵀ D L, (worlds, nC). change: of the velocities, (worlds, nv).
+    """
+
+    first: wp.array[int]
+    first_before: wp.array[int]
+    following: wp.array[int]
+    following_before: wp.array[int]
+    geom_before: wp.array[wp.vec2i]
+    pos_before: wp.array[wp.vec3]
+    force_before: wp.array[float]
+    law: wp.array[int]
+    dist: wp.array[float]
+    solref: wp.array[wp.vec2]
+    rows: wp.array2d[wp.vec3]
+    moves: wp.array2d[wp.vec3]
+    own: wp.array[wp.mat33]
+    rate: wp.array[wp.vec3]
+    impulse: wp.array[wp.vec3]
+    target: wp.array[float]
+    calm: wp.array[float]
+    load: wp.array[float]
+    factor: wp.array2d[float]
+    change: wp.array2d[float]
+
+
+@wp.struct
+class Laws:
+    """Laws of pairs: number of the pair of two geoms (-1: none), what each value is, and e over
+    α v.
+    """
+
+    pair_of: wp.array2d[int]
+    reading: wp.array[int]
+    e: wp.array[float]
+
+
+@wp.struct
+class Inertia:
+    """The rows of the inertia matrix: entries of each, address of the first, and their columns."""
+
+    count: wp.array[int]
+    start: wp.array[int]
+    column: wp.array[int]
+
+
+@wp.func
+def _law(laws: Laws, geom: wp.vec2i) -> int:
+    # Those of flexible bodies are -1.
+    if geom[0] < 0 or geom[1] < 0:
+        return -1
+    return laws.pair_of[geom[0], geom[1]]
+
+
+@wp.kernel
+def remember(
+    found: Found,
+    laws: Laws,
+    is_pyramidal: bool,
+    rows: wp.array[int],
+    force: wp.array2d[float],
+    room: Room,
+) -> None:
+    """Keep the places and normal forces, N, of the last step's contacts.
+
+    rows, force: of each world's constraints, and theirs.
+    """
+    i = wp.tid()
+    if i >= found.count[0]:
+        return
+    geom = found.geom[i]
+    if (found.mark[i] & _CONSTRAINT) == 0 or _law(laws, geom) < 0:
+        return
+    row = found.row[i, 0]
+    world = found.world[i]
+    # The edges of a pyramid share the normal's force.
+    edges = int(1)
+    if is_pyramidal and found.dim[i] > 1:
+        edges = 2 * (found.dim[i] - 1)
+    if row < 0 or row + edges > wp.min(rows[world], force.shape[1]):
+        return
+    total = float(0.0)
+    for edge in range(edges):
+        total += force[world, row + edge]
+    room.geom_before[i] = geom
+    room.pos_before[i] = found.pos[i]
+    room.force_before[i] = total
+    room.following_before[i] = wp.atomic_exch(room.first_before, world, i)
+
+
+@wp.kernel
+def enlist(found: Found, laws: Laws, room: Room) -> None:
+    """Put the contacts that touch and have a law into the lists of their worlds."""
+    i = wp.tid()
+    if i >= found.count[0]:
+        return
+    room.law[i] = -1
+    if (found.mark[i] & _CONSTRAINT) == 0 or found.dist[i] >= found.margin[i]:
+        return
+    room.law[i] = _law(laws, found.geom[i])
+    if room.law[i] < 0:
+        return
+    room.dist[i] = found.dist[i]
+    room.solref[i] = found.solref[i]
+    room.following[i] = wp.atomic_exch(room.first, found.world[i], i)
+
+
+@wp.func
+def _sort(room: Room, world: int) -> int:
+    """First contact of a world's list, which is then in the engine's order, not in that of
+    threads.
+    """
+    first = int(-1)
+    i = room.first[world]
+    while i >= 0:
+        following = room.following[i]
+        if first < 0 or i < first:
+            room.following[i] = first
+            first = i
+        else:
+            before = first
+            while room.following[before] >= 0 and room.following[before] < i:
+                before = room.following[before]
+            room.following[i] = room.following[before]
+            room.following[before] = i
+        i = following
+    return first
+
+
+@wp.kernel
+def factor(inertia: Inertia, M: wp.array2d[float], room: Room) -> None:
+    """Put the contacts of each world into the engine's order, and factor its inertia matrix where
+    it has any: M = Lᵀ D L.
+
+    M: rows of each world's, (worlds, nC). A row's columns are the ancestors of its degree of
+    freedom, as in Featherstone 2008, table 6.3.
+    """
+    world = wp.tid()
+    if room.first[world] < 0:
+        return
+    room.first[world] = _sort(room, world)
+    for j in range(M.shape[1]):
+        room.factor[world, j] = M[world, j]
+    size = inertia.count.shape[0]
+    for back in range(size):
+        k = size - 1 - back
+        start = inertia.start[k]
+        others = inertia.count[k] - 1
+        diagonal = room.factor[world, start + others]
+        for step in range(others):
+            place = start + others - 1 - step
+            i = inertia.column[place]
+            share = room.factor[world, place] / diagonal
+            for j in range(inertia.count[i]):
+                room.factor[world, inertia.start[i] + j] -= share * room.factor[world, start + j]
+            room.factor[world, place] = share
+
+
+@wp.func
+def _solve(inertia: Inertia, world: int, contact: int, room: Room) -> None:
+    """Replace a contact's `moves` by M⁻¹ of them."""
+    size = inertia.count.shape[0]
+    for back in range(size):
+        k = size - 1 - back
+        start = inertia.start[k]
+        value = room.moves[contact, k]
+        for j in range(inertia.count[k] - 1):
+            i = inertia.column[start + j]
+            room.moves[contact, i] -= room.factor[world, start + j] * value
+    for k in range(size):
+        start = inertia.start[k]
+        others = inertia.count[k] - 1
+        value = room.moves[contact, k] / room.factor[world, start + others]
+        for j in range(others):
+            value -= room.factor[world, start + j] * room.moves[contact, inertia.column[start + j]]
+        room.moves[contact, k] = value
+
+
+@wp.func
+def _velocity(motion: wp.spatial_vector, arm: wp.vec3) -> wp.vec3:
+    """Velocity at the end of an arm, m/s, of a motion about its start: angular, then linear."""
+    return wp.spatial_bottom(motion) + wp.cross(wp.spatial_top(motion), arm)
+
+
+@wp.func
+def _force_before(found: Found, room: Room, contact: int, slip: float, timestep: float) -> float:
+    """Normal force that a contact had in the step before, N; 0 of a new one.
+
+    It is that of the nearest contact of the same geoms, which has not wandered far.
+    """
+    nearest = timestep * (_WANDERS + 2.0 * slip)
+    force = float(0.0)
+    geom = found.geom[contact]
+    i = room.first_before[found.world[contact]]
+    while i >= 0:
+        if room.geom_before[i] == geom:
+            away = wp.length(room.pos_before[i] - found.pos[contact])
+            if away < nearest:
+                nearest = away
+                force = room.force_before[i]
+        i = room.following_before[i]
+    return force
+
+
+@wp.func
+def _restitution(laws: Laws, reading: int, value: float, speed: float) -> float:
+    if reading == _CONSTANT:
+        return wp.clamp(value, 0.0, 1.0)
+    number = value * speed
+    if reading == _LINEAR:
+        return wp.clamp(1.0 - number, 0.0, 1.0)
+    if number <= _LEAST_NUMBER:
+        return 1.0
+    place = wp.log(number / _LEAST_NUMBER) * _POINTS_PER_E_FOLD
+    point = wp.min(int(place), _POINTS - 2)
+    share = wp.min(place - float(point), 1.0)
+    return (1.0 - share) * laws.e[point + 1] + share * laws.e[point + 2]
+
+
+@wp.func
+def _parting(
+    laws: Laws,
+    reading: int,
+    value: float,
+    approach: float,
+    depth: float,
+    presses: float,
+    timestep: float,
+) -> float:
+    """Rate, m/s, at which a contact parts, so that e is that of the speed at the touch plane.
+
+    Steps that move by the new velocity keep U² = (v + b h/2)² - 2 b x in flight, U the speed at the
+    plane x = 0, b = `presses`. A contact that touched before this step has the e of v.
+    """
+    half = presses * timestep / 2.0
+    speed = approach + half
+    if depth <= timestep * approach * (1.0 + 1e-5):
+        lift = 2.0 * presses * depth
+        at_plane = wp.sqrt(wp.max(speed * speed - lift, 0.0))
+        out = _restitution(laws, reading, value, at_plane) * at_plane
+        return wp.sqrt(out * out + lift)
+    return _restitution(laws, reading, value, approach) * approach - half
+
+
+@wp.func
+def _weight(
+    normal: wp.vec3, gravity: wp.vec3, body1: int, body2: int, body_weldid: wp.array[int]
+) -> float:
+    """Acceleration, m/s², of the weight of either body alone against the other.
+
+    normal: from the first body to the second.
+    """
+    along = wp.dot(normal, gravity)
+    weight = float(0.0)
+    if body_weldid[body1] != 0:
+        weight = wp.max(weight, along)
+    if body_weldid[body2] != 0:
+        weight = wp.max(weight, -along)
+    return weight
+
+
+@wp.kernel
+def span(
+    found: Found,
+    geom_bodyid: wp.array[int],
+    body_rootid: wp.array[int],
+    body_isdofancestor: wp.array2d[int],
+    subtree_com: wp.array2d[wp.vec3],
+    cdof: wp.array2d[wp.spatial_vector],
+    room: Room,
+) -> None:
+    """Find the rates along the axes of each contact's frame that each velocity makes."""
+    i, v = wp.tid()
+    if i >= found.count[0]:
+        return
+    if room.law[i] < 0:
+        return
+    world = found.world[i]
+    body1 = geom_bodyid[found.geom[i][0]]
+    body2 = geom_bodyid[found.geom[i][1]]
+    motion = cdof[world, v]
+    row = wp.vec3(0.0)
+    if body_isdofancestor[body1, v] != 0:
+        arm = found.pos[i] - subtree_com[world, body_rootid[body1]]
+        row -= found.frame[i] * _velocity(motion, arm)
+    if body_isdofancestor[body2, v] != 0:
+        arm = found.pos[i] - subtree_com[world, body_rootid[body2]]
+        row += found.frame[i] * _velocity(motion, arm)
+    room.rows[i, v] = row
+    room.moves[i, v] = row
+
+
+@wp.kernel
+def aim(
+    found: Found,
+    laws: Laws,
+    values: wp.array2d[float],
+    inertia: Inertia,
+    timesteps: wp.array[float],
+    gravities: wp.array[wp.vec3],
+    geom_bodyid: wp.array[int],
+    body_weldid: wp.array[int],
+    qvel: wp.array2d[float],
+    qacc: wp.array2d[float],
+    qfrc_smooth: wp.array2d[float],
+    room: Room,
+) -> None:
+    """Find how each contact moves, what loads it, and the rate at which it shall part.
+
+    values: α (s/m) or e of each pair, (worlds or 1, pairs). qacc, qfrc_smooth: of the step before.
+    """
+    i = wp.tid()
+    if i >= found.count[0]:
+        return
+    law = room.law[i]
+    if law < 0:
+        return
+    world = found.world[i]
+    timestep = timesteps[world % timesteps.shape[0]]
+    size = inertia.count.shape[0]
+    _solve(inertia, world, i, room)
+    rate = wp.vec3(0.0)
+    own = wp.mat33(0.0)
+    pushed = float(0.0)
+    moved = float(0.0)
+    for v in range(size):
+        row = room.rows[i, v]
+        rate += row * qvel[world, v]
+        own += wp.outer(row, room.moves[i, v])
+        pushed -= room.moves[i, v][0] * qfrc_smooth[world, v]
+        moved += row[0] * qacc[world, v]
+    # Of gravity, motors and springs, as the step before had them.
+    presses = wp.max(pushed, 0.0)
+    # All other forces of the step before: a foot may be pressed through a joint's limit, a body by
+    # others that lie on it.
+    slip = wp.length(wp.vec2(rate[1], rate[2]))
+    others = own[0, 0] * _force_before(found, room, i, slip, timestep) - moved
+    gravity = gravities[world % gravities.shape[0]]
+    normal = wp.transpose(found.frame[i]) * wp.vec3(1.0, 0.0, 0.0)
+    body1 = geom_bodyid[found.geom[i][0]]
+    body2 = geom_bodyid[found.geom[i][1]]
+    weight = _weight(normal, gravity, body1, body2, body_weldid)
+    load = wp.max(wp.max(presses, weight), others)
+    calm = _STILL * timestep * load + 1e-9
+    value = values[world % values.shape[0], law]
+    depth = found.margin[i] - found.dist[i]
+    half = presses * timestep / 2.0
+    parts = _parting(laws, laws.reading[law], value, -rate[0], depth, presses, timestep)
+    # What neither collides nor parts comes no faster than it did: its own row lets it rest.
+    target = wp.min(rate[0] - half, 0.0)
+    if -rate[0] > calm:
+        target = wp.min(parts, half - rate[0])
+    room.rate[i] = rate - wp.vec3(half, 0.0, 0.0)
+    room.own[i] = own
+    room.target[i] = target
+    room.calm[i] = calm
+    room.load[i] = load
+
+
+@wp.func
+def _rate_of_change(room: Room, world: int, i: int, lane: int) -> wp.vec3:
+    """Rates that the change of the velocities makes at contact i, m/s, by all lanes of a block."""
+    part = wp.vec3(0.0)
+    for v in range(lane, room.change.shape[1], wp.block_dim()):
+        part += room.rows[i, v] * room.change[world, v]
+    return wp.tile_extract(wp.tile_sum(wp.tile(part, preserve_type=True)), 0)
+
+
+@wp.func
+def _impulse_of(
+    room: Room, i: int, impulse: wp.vec3, change: wp.vec3, friction: wp.vec2
+) -> wp.vec3:
+    """Impulse, N s, that the law of contact i asks for, while those of the others stay.
+
+    impulse: its last one. change: of its rates by all impulses so far, m/s. friction: along its
+    tangents.
+    """
+    own = room.own[i]
+    rate = room.rate[i] + change
+    normal = wp.max(impulse[0] + (room.target[i] - rate[0]) / own[0, 0], 0.0)
+    rate += own * wp.vec3(normal - impulse[0], 0.0, 0.0)
+    most = friction * normal
+    if most[0] <= 0.0 or most[1] <= 0.0:
+        return wp.vec3(normal, 0.0, 0.0)
+    # The stiffer tangent: a step by it overshoots neither.
+    stiffest = wp.max(wp.max(own[1, 1], own[2, 2]), 1e-12)
+    sliding = wp.vec2(impulse[1] - rate[1] / stiffest, impulse[2] - rate[2] / stiffest)
+    share = wp.length(wp.vec2(sliding[0] / most[0], sliding[1] / most[1]))
+    sliding = sliding / wp.max(share, 1.0)
+    return wp.vec3(normal, sliding[0], sliding[1])
+
+
+@wp.func
+def _share(room: Room, world: int, lane: int) -> float:
+    """Share of the impulses that adds no energy, by all lanes of a block.
+
+    Their work is p.(u before + u after)/2, which is 0 at most.
+    """
+    before = float(0.0)
+    between = float(0.0)
+    i = room.first[world]
+    while i >= 0:
+        before += wp.dot(room.impulse[i], room.rate[i])
+        between += wp.dot(room.impulse[i], _rate_of_change(room, world, i, lane))
+        i = room.following[i]
+    if between <= 0.0:
+        return 0.0
+    return wp.clamp(-2.0 * before / between, 0.0, 1.0)
+
+
+@wp.kernel
+def collide(found: Found, friction: wp.array[_Five], room: Room, qvel: wp.array2d[float]) -> None:
+    """Let the contacts of each world collide, all at once: no contact parts slower than its target,
+    those that part faster have no impulse, and friction stays within Coulomb's.
+
+    friction: coefficients of each contact, the first two along its tangents. Impulses never add
+    energy. Velocities after them are written to `qvel`.
+
+    A block of threads, of one on a CPU, has a world. Its lanes share out the velocities, and find
+    the same impulses.
+    """
+    world, lane = wp.tid()
+    first = room.first[world]
+    if first < 0:
+        return
+    velocities = room.change.shape[1]
+    fastest = float(0.0)
+    most = float(0.0)
+    i = first
+    while i >= 0:
+        room.impulse[i] = wp.vec3(0.0)
+        most = wp.max(most, wp.length(room.rate[i]))
+        if room.own[i][0, 0] > 0.0:
+            fastest = wp.max(fastest, room.target[i] - room.rate[i][0])
+        i = room.following[i]
+    if fastest <= 0.0:
+        return
+    for v in range(lane, velocities, wp.block_dim()):
+        room.change[world, v] = 0.0
+    settled = _SETTLED * fastest + _NOISE * most
+    moved = 2.0 * settled
+    sweeps = int(0)
+    while moved > settled and sweeps < _SWEEPS:
+        moved = float(0.0)
+        sweeps += 1
+        i = first
+        while i >= 0:
+            if room.own[i][0, 0] > 0.0:
+                mu = wp.vec2(0.0)
+                if found.dim[i] > 1:
+                    mu = wp.vec2(friction[i][0], friction[i][1])
+                # Read before the lanes wait for one another, and written after it.
+                before = room.impulse[i]
+                change = _rate_of_change(room, world, i, lane)
+                new = _impulse_of(room, i, before, change, mu)
+                delta = new - before
+                moved = wp.max(moved, wp.max(wp.abs(wp.cw_mul(delta, wp.get_diag(room.own[i])))))
+                room.impulse[i] = new
+                for v in range(lane, velocities, wp.block_dim()):
+                    room.change[world, v] += wp.dot(room.moves[i, v], delta)
+            i = room.following[i]
+    share = _share(room, world, lane)
+    for v in range(lane, velocities, wp.block_dim()):
+        qvel[world, v] += share * room.change[world, v]
+
+
+@wp.kernel
+def settle(
+    found: Found,
+    solimp: wp.array[_Five],
+    timesteps: wp.array[float],
+    qvel: wp.array2d[float],
+    room: Room,
+) -> None:
+    """Silence the contacts that part, and let those that rest not bounce by their spring.
+
+    The spring is that of the model, with the damping that makes it critical at least. It gives
+    depth back no faster than what counts as rest, but bears its load.
+    """
+    i = wp.tid()
+    if i >= found.count[0] or room.law[i] < 0:
+        return
+    world = found.world[i]
+    timestep = timesteps[world % timesteps.shape[0]]
+    rate = float(0.0)
+    for v in range(room.change.shape[1]):
+        rate += room.rows[i, v][0] * qvel[world, v]
+    if rate > room.calm[i]:
+        found.dist[i] = found.margin[i] + 1.0
+        return
+    solref = room.solref[i]
+    stiffness = -solref[0]
+    damping = -solref[1]
+    if solref[0] > 0.0:
+        constant = wp.max(solref[0], 2.0 * timestep)
+        ratio = wp.max(solref[1], 1e-3)
+        stiffness = 1.0 / (constant * ratio * constant * ratio)
+        damping = 2.0 / constant
+    stiffness = wp.min(stiffness, 0.25 / (timestep * timestep))
+    damping = wp.clamp(damping, 2.0 * wp.sqrt(stiffness), 1.0 / timestep)
+    lets_by = 1.0 / wp.max(solimp[i][0], 1e-4) - 1.0
+    load = room.load[i]
+    most = wp.max(_RISE * _STILL * timestep * damping, _BEARS * lets_by) * load
+    depth = found.margin[i] - room.dist[i]
+    stiffness = wp.min(stiffness, most / wp.max(depth, 1e-9))
+    found.solref[i] = wp.vec2(-stiffness, -damping)
+
+
+@wp.kernel
+def restore(found: Found, room: Room) -> None:
+    """Give contacts the distances and springs that the engine found, for who reads them."""
+    i = wp.tid()
+    if i >= found.count[0] or room.law[i] < 0:
+        return
+    found.dist[i] = room.dist[i]
+    found.solref[i] = room.solref[i]
