@@ -227,7 +227,7 @@ class MjxCopies(Copies):
 
     def place_balls(self, rest: Floats, heights: Floats, rising: Floats) -> Floats:
         """Put balls into states that are made on the device: two numbers of each are sent."""
-        balls = np.stack([heights, rising]).astype(self.kind)
+        balls: Floats = np.stack([heights, rising]).astype(self.kind)
         self._data = self._functions.place_balls(self._empty, rest.astype(self.kind), *balls)
         return balls.astype(np.float64)
 
