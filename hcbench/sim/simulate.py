@@ -236,6 +236,9 @@ def _until_ended(
         history = [part[:, going] for part in history]
         rule.keep(going)
         simulation.keep(going)
+    if len(parts) == 1:
+        # All ended in one chunk, in order.
+        return parts[0], longest
     return Impacts.joined(parts).take(np.argsort(np.concatenate(order))), longest
 
 
@@ -289,11 +292,12 @@ def _explain(impacts: Impacts, simulation: Simulation, counts: NDArray[np.int64]
 
     counts: (b,), the steps of each launch under way that has ended, which the impacts are of, else
     0.
-    Each launch is asked: a simulation of a user's model keeps what acted, for the causes.
     """
+    # Asked in any case: a simulation of a user's model keeps what acted, for the causes.
+    notes = simulation.notes(counts)
     wrong = np.isin(impacts.status, _WRONG)
-    for i, launch in enumerate(np.flatnonzero(counts).tolist()):
-        if (note := simulation.note(launch, int(counts[launch]))) and wrong[i]:
+    for i, note in enumerate(notes):
+        if note and wrong[i]:
             impacts.reason[i] = f"{impacts.reason[i]}; {note}"
 
 

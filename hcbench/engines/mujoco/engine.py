@@ -240,11 +240,13 @@ class MujocoEngine(
         passivity = super().passivity(scene, setting, speeds, whole, train)
         return with_law(scene, setting, passivity)
 
-    def with_boxes(self, scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
+    def with_boxes(
+        self, scene: Scene, setting: Setting, passivity: Passivity, whole: bool = False
+    ) -> Passivity:
         """Try boxes and a capsule in plain MuJoCo; none in a cup, and none of a force law."""
         from hcbench.engines.mujoco.passivity import judge
 
-        return judge.with_boxes(scene, setting, passivity)
+        return judge.with_boxes(scene, setting, passivity, whole)
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
         """The setting with friction in its force law, or in each of its rows.
