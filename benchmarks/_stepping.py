@@ -1,10 +1,11 @@
-"""Processor time of one command of hcbench, and its part in MuJoCo's steps.
+"""Processor time of one command of hcbench, and its part in the engines' steps.
 
 python benchmarks/_stepping.py tune mujoco --alpha "0.3 s/m"    # prints both, s, as JSON
 
 Engines run in this process, as in a worker of the command. What counts as steps are the calls that
-take some: `mj_step`, `rollout`, and hcbench's loops in C over mj_step, with what these read of each
-step. Python's start and imports count, too.
+take some: PyBullet's stepSimulation, MuJoCo's mj_step and rollout, and hcbench's loops in C over
+mj_step, with what these read of each step. The rest is Python's start, imports, and what hcbench
+does between steps and with them.
 """
 
 from __future__ import annotations
@@ -50,6 +51,11 @@ def time_steps() -> None:
     assert library is not None, "the loops in C take most of the steps: install a C compiler"
     for loop in ("advance", "follow"):
         setattr(library, loop, timed(getattr(library, loop)))
+    if sys.argv[1] == "report":
+        # Of the measured commands it alone runs PyBullet, whose import the others are spared.
+        import pybullet
+
+        pybullet.stepSimulation = timed(pybullet.stepSimulation)
 
 
 def main() -> None:
