@@ -295,11 +295,16 @@ class TunesModels(OpensModels):
         return UNKNOWN
 
     def landing(
-        self, source: Any, requests: Sequence[Request], like: DropTest | None = None
+        self,
+        source: Any,
+        requests: Sequence[Request],
+        like: DropTest | None = None,
+        until_worse: bool = False,
     ) -> DropTest:
         """Drop the robot of which the pairs are feet, and judge how it lands.
 
         like: a test to compare with, of equal length; None for one as long as the robot stands.
+        until_worse: one drop is enough where something is worse in it than in all of `like`.
         Raises UserError where the pairs are not of a robot that can fall.
         """
         raise UserError("engine", self.title, "an engine in which hcbench judges landings")

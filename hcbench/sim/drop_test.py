@@ -49,11 +49,18 @@ class DropBench(ABC):
     def test(self, seconds: float, drops: Sequence[RobotDrop] = DROPS) -> DropTest:
         """Drop the robot with the contacts that it has now. seconds: of each drop."""
 
-    def whole_test(self, like: DropTest | None) -> DropTest:
+    def whole_test(self, like: DropTest | None, until_worse: bool = False) -> DropTest:
         """Every drop, as long as those of `like`; None: as long as a robot that stands takes to rest,
         or as one that falls over takes to touch.
+
+        until_worse: one drop alone where something is worse in it than in all of `like`.
         """
         if like is not None:
+            if until_worse:
+                # The highest, tilted. Quantities are the largest of all drops: others change nothing.
+                hardest = self.test(like.seconds, DROPS[-1:])
+                if any(hardest.worse_than(like)):
+                    return hardest
             return self.test(like.seconds)
         # A robot that falls over lies by chance: only its touch can be compared.
         if self.test(SECONDS, DROPS[-1:]).fell:

@@ -473,12 +473,16 @@ class MujocoEngine(
         return standing(opened)
 
     def landing(
-        self, source: Any, requests: Sequence[Request], like: DropTest | None = None
+        self,
+        source: Any,
+        requests: Sequence[Request],
+        like: DropTest | None = None,
+        until_worse: bool = False,
     ) -> DropTest:
         """Drop a robot with a free joint or a vertical slide over parts of the world."""
         from hcbench.engines.mujoco.model.drop_test import landing
 
-        return landing(_one_file(source), requests, like)
+        return landing(_one_file(source), requests, like, until_worse)
 
     def landing_peaks(self, source: Any, request: Request) -> tuple[LandingPeak, ...]:
         """Peak forces of drops of the pair's moving body, with all that hangs on it, over its

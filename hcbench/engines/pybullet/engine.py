@@ -249,12 +249,16 @@ class PybulletEngine(
         return land_in(source, request, drops, rebuild)
 
     def landing(
-        self, source: Any, requests: Sequence[Request], like: DropTest | None = None
+        self,
+        source: Any,
+        requests: Sequence[Request],
+        like: DropTest | None = None,
+        until_worse: bool = False,
     ) -> DropTest:
         """Drop a robot of joints with a free base over the fixed bodies of its world.
 
-        source: files, a `World`, a client, or one of these with a setting. requests, like: as of
-        `TunesModels`. Raises UserError where the pairs are not of a robot that can fall.
+        source: files, a `World`, a client, or one of these with a setting. requests, like,
+        until_worse: as of `TunesModels`. Raises UserError where the pairs are not of a robot that can fall.
         """
         from hcbench.engines.pybullet.model.drop_test import ChangedWorld, WorldDropBench
 
@@ -262,7 +266,7 @@ class PybulletEngine(
             bench = WorldDropBench(source.build(), requests, source.apply)
         else:
             bench = WorldDropBench(_opened(source, requests), requests)
-        return bench.whole_test(like)
+        return bench.whole_test(like, until_worse)
 
     def rebound_settings(
         self, source: Any, requests: Sequence[Request], before: DropTest, rebound: float

@@ -313,7 +313,9 @@ class ModelDropBench(DropBench):
         return energy
 
 
-def landing(source: Any, requests: Sequence[Request], like: DropTest | None) -> DropTest:
+def landing(
+    source: Any, requests: Sequence[Request], like: DropTest | None, until_worse: bool = False
+) -> DropTest:
     """The whole test of a robot, as `DropBench.whole_test` says.
 
     source: a file, MJCF text or an MjSpec. requests: of pairs of the robot with its floor.
@@ -321,7 +323,7 @@ def landing(source: Any, requests: Sequence[Request], like: DropTest | None) -> 
     contact sensors.
     """
     bench = ModelDropBench(spec_of(source), label_of(source), requests)
-    return bench.whole_test(like)
+    return bench.whole_test(like, until_worse)
 
 
 def landing_peaks(source: Any, request: Request) -> tuple[LandingPeak, ...]:
