@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,7 @@ ROOT = Path(__file__).parents[2]
 def table(monkeypatch: pytest.MonkeyPatch) -> Any:
     """benchmarks/table.py."""
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    import table as module
-
-    return module
+    return import_module("table")
 
 
 def row(what: str, must: str, unit: str = "s", **seconds: float) -> dict[str, Any]:
