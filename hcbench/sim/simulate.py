@@ -149,7 +149,8 @@ def run_launches(
     done = 0
     while done < len(launches):
         room = max(_ROOM // max(1, whole), math.ceil(most / _LEAST_SHARE))
-        size = even_size(len(launches) - done, min(most, room))
+        # Full groups and a rest: a world takes a step of all its places in any case.
+        size = min(most, room)
         yield run(launches[done : done + size])
         done += size
 
