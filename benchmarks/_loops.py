@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import shutil
 import subprocess
 import sysconfig
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
+import mujoco.rollout
 import numpy as np
 import pytest
 
@@ -52,6 +54,21 @@ def in_mujoco(
             record.append((depth, rate, normal))
         steps += len(record)
     return steps
+
+
+def in_rollout(xml: str, launches: Sequence[Launch], timestep: float, length: int) -> Any:
+    """States of each step of each launch, (n, length, nstate), by MuJoCo's rollout on all cores."""
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = [mujoco.MjData(model) for _ in range(len(os.sched_getaffinity(0)))]
+    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    states = np.empty((len(launches), mujoco.mj_stateSize(model, kind)))
+    for state, launch in zip(states, launches, strict=True):
+        mujoco.mj_resetData(model, data[0])
+        data[0].qpos[2] += launch.clearance(timestep)
+        data[0].qvel[2] = -launch.speed
+        mujoco.mj_getState(model, data[0], state, kind)
+    path, _ = mujoco.rollout.rollout(model, data, states, nstep=length)
+    return path
 
 
 def in_mujoco_barely(xml: str, launches: Sequence[Launch], timestep: float) -> int:

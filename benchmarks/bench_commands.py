@@ -4,6 +4,7 @@ a sweep on one job and on two.
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -64,8 +65,8 @@ def test_help(beside: Any) -> None:
     ("study", "words", "must", "aim"),
     [
         ("the study of the first release", [FIRST_RELEASE], "15 s", "10 s"),
-        ("the default study", [], "14 s", "10 s"),
-        ("the default study, --quick", ["--quick"], "5 s", "4 s"),
+        ("the default study", [], "14 s", "6 s"),
+        ("the default study, --quick", ["--quick"], "5 s", "2.5 s"),
     ],
 )
 def test_a_report(
@@ -75,31 +76,20 @@ def test_a_report(
     beside(
         f"hcbench report, {study}",
         {"hcbench": lambda: took(*command)},
-        rounds=2,
+        rounds=1,
         must=must,
         aim=aim,
     )
 
 
-def test_a_tune(beside: Any) -> None:
-    beside(
-        "hcbench tune mujoco",
-        {
-            "hcbench": lambda: took(
-                HCBENCH, "tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-5"
-            )
-        },
-        rounds=2,
-        must="1.5 s",
-        aim="1 s",
-    )
-
-
 MODEL = "scenes/steel-plane/scene.xml"
-MEASURED = (MODEL, "--pair", "ball,plate", "--speeds", "0.1, 0.3 m/s")
+PAIR = (MODEL, "--pair", "ball,plate")
+MEASURED = (*PAIR, "--speeds", "0.1, 0.3 m/s")
 QUADRUPED = "examples/quadruped.xml"
 FOOT = (QUADRUPED, "--pair", "left_front_foot,floor")
 TUNE = ("tune", "mujoco", "--alpha", "0.3 s/m", "--timestep", "2 ms")
+FINE = ("tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "10 us")
+LONG_S = 3.0  # a command that may take longer is measured twice in place of four times
 
 
 @pytest.mark.parametrize(
@@ -107,6 +97,7 @@ TUNE = ("tune", "mujoco", "--alpha", "0.3 s/m", "--timestep", "2 ms")
     [
         (("check", *MEASURED, "--restitution", "0.5", "--max-error", "1"), "", "0.7 s", "0.4 s"),
         (("measure", *MEASURED), "", "0.7 s", "0.4 s"),
+        (("measure", *PAIR, "--alpha", "0.3 s/m"), "--alpha, 8 speeds", "0.7 s", "0.45 s"),
         (("measure", *FOOT, "--alpha", "0.3 s/m"), "of README's quadruped", "1 s", "0.6 s"),
         (("pairs", MODEL), "", "0.65 s", "0.4 s"),
         (("land", QUADRUPED), "of README's quadruped", "1 s", "0.6 s"),
@@ -115,6 +106,8 @@ TUNE = ("tune", "mujoco", "--alpha", "0.3 s/m", "--timestep", "2 ms")
         (("tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-3"), "", "2 s", "0.7 s"),
         (TUNE, "mujoco at 2 ms, all kinds", "1.5 s", "0.8 s"),
         ((*TUNE, "--plugin"), "--plugin", "0.8 s", "0.4 s"),
+        (("tune", *FOOT, "--alpha", "0.3 s/m"), "of README's quadruped, a foot", "15 s", "2 s"),
+        (FINE, "mujoco at 10 µs, where a body is followed for 400 000 steps", "9 s", "1 s"),
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )
@@ -123,7 +116,62 @@ def test_processor_time_of_a_command(
 ) -> None:
     """Processor time of a command and its workers; most of it is imports."""
     what = f"{' '.join(filter(None, ['hcbench', words[0], of]))}, processor time"
-    beside(what, {"hcbench": lambda: processor(HCBENCH, *words)}, rounds=3, must=must, aim=aim)
+    long = float(must.removesuffix(" s")) > LONG_S
+    beside(
+        what,
+        {"hcbench": lambda: processor(HCBENCH, *words)},
+        rounds=1 if long else 3,
+        must=must,
+        aim=aim,
+    )
+
+
+def share_of_steps(*words: str) -> float:
+    """Processor time that a command spends in its engines' steps, per cent of all of its own."""
+    command = [sys.executable, str(Path(__file__).with_name("_stepping.py")), *words]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    seconds = json.loads(done.stdout)
+    return 100 * float(seconds["stepping"]) / float(seconds["whole"])
+
+
+BALL, ROBOT = "70 %", "50 %"
+DROPS = "drops of a ball, spring-damper"
+
+
+@pytest.mark.parametrize(
+    ("what", "words", "aim"),
+    [
+        ("tune mujoco at 2 ms, a ball, boxes and a capsule", TUNE, BALL),
+        ("tune mujoco at 10 µs, a ball, boxes and a capsule", FINE, BALL),
+        ("measure of the scene's ball, 8 speeds", ("measure", *PAIR, "--alpha", "0.3 s/m"), BALL),
+        ("report --quick, the default study", ("report", "--quick", "--jobs", "1"), BALL),
+        (f"sweep of 100 000 {DROPS}, 1 ms", ("sweep", "1 ms", "3125"), BALL),
+        (f"sweep of 16 000 {DROPS}, 1 µs", ("sweep", "1 µs", "500"), BALL),
+        ("measure of README's quadruped, a foot", ("measure", *FOOT, "--alpha", "0.3 s/m"), ROBOT),
+        ("land of README's quadruped", ("land", QUADRUPED), ROBOT),
+        ("tune of README's quadruped, a foot", ("tune", *FOOT, "--alpha", "0.3 s/m"), ROBOT),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_the_share_of_steps(
+    benchmark: Any, tmp_path: Path, what: str, words: tuple[str, ...], aim: str
+) -> None:
+    """Processor time in the engines' steps over all of it, Python's start and imports included."""
+    if words[0] == "sweep":
+        _, timestep, speeds = words
+        study = drops_study(tmp_path / "study.toml", int(speeds), timestep)
+        words = ("sweep", str(study), "--jobs", "1")
+    if words[0] in ("sweep", "report"):
+        words = (*words, "--out", str(tmp_path / "out"))
+    shares: list[float] = []
+    benchmark.pedantic(lambda: shares.append(share_of_steps(*words)), rounds=1)
+    benchmark.extra_info.update(
+        what=f"the engine's steps over processor time: {what}",
+        unit="%",
+        seconds={"hcbench": shares[0]},
+        must="",
+        aim=aim,
+    )
 
 
 def test_processor_time_of_a_fit(beside: Any, tmp_path: Path) -> None:
@@ -133,6 +181,12 @@ def test_processor_time_of_a_fit(beside: Any, tmp_path: Path) -> None:
     table.write_text("\n".join(["v_in (m/s),v_out (m/s)", *pairs]))
     fit = {"hcbench": lambda: processor(HCBENCH, "fit", str(table))}
     beside("hcbench fit of a table, processor time", fit, rounds=3, must="0.8 s", aim="0.5 s")
+
+
+def test_processor_time_of_a_fit_of_sound(beside: Any) -> None:
+    """Processor time of `fit` with the tutorial's recording of a drop."""
+    fit = {"hcbench": lambda: processor(HCBENCH, "fit", "examples/recording/drop.wav")}
+    beside("hcbench fit of a sound, processor time", fit, rounds=2, must="2.5 s", aim="1.5 s")
 
 
 @pytest.mark.parametrize(
@@ -157,14 +211,19 @@ def test_processor_time_of_measuring_a_urdf(
     )
 
 
+def drops_study(path: Path, speeds: int, timestep: str) -> Path:
+    """Write a study of 32 drops a speed of a ball in MuJoCo, spring-damper; return its path."""
+    path.write_text(
+        'scene = "steel-plane"\nalphas = "0.002, 0.004, 0.008, 0.016 s/in"\n'
+        f'speeds = "1:20:{speeds} in/s"\nphases = 8\n'
+        f'[[run]]\nengine = "mujoco"\nrecipe = "spring-damper"\ntimesteps = "{timestep}"\n'
+    )
+    return path
+
+
 def test_processor_time_of_a_million_drops(beside: Any, tmp_path: Path) -> None:
     """Processor time of a fifth of them, times five, with their files."""
-    study = tmp_path / "study.toml"
-    study.write_text(
-        'scene = "steel-plane"\nalphas = "0.002, 0.004, 0.008, 0.016 s/in"\n'
-        'speeds = "1:20:6250 in/s"\nphases = 8\n'
-        '[[run]]\nengine = "mujoco"\nrecipe = "spring-damper"\ntimesteps = "1 ms"\n'
-    )
+    study = drops_study(tmp_path / "study.toml", 6250, "1 ms")
     number = iter(range(99))
 
     def swept_once() -> float:
@@ -186,16 +245,16 @@ def swept(impacts: int, recipe: str, timestep: str) -> Any:
 
 
 def test_two_jobs_over_one(beside: Any, tmp_path: Path) -> None:
-    study, number = swept(240_000, "spring-damper", "1e-6 s"), iter(range(99))
+    study, number = swept(120_000, "spring-damper", "1e-6 s"), iter(range(99))
 
     def sweeping(jobs: int) -> None:
         sweep(study, tmp_path / str(next(number)), jobs=jobs)
 
     beside(
-        "a sweep of 240 000 impacts, MuJoCo at 1 µs, per impact",
+        "a sweep of 120 000 impacts, MuJoCo at 1 µs, per impact",
         {"one job": lambda: sweeping(1), "hcbench": lambda: sweeping(2)},
-        per=240_000,
-        rounds=2,
+        per=120_000,
+        rounds=1,
         must="1.9",
         aim="1.95",
     )

@@ -18,6 +18,7 @@ from _loops import (
     in_mujoco,
     in_mujoco_barely,
     in_pybullet,
+    in_rollout,
     users_ball,
     users_robot,
 )
@@ -64,9 +65,9 @@ def made(recipe: str) -> Setting:
 @pytest.mark.parametrize(
     ("recipe", "count", "must", "aim"),
     [
-        ("spring-damper", 80, "20", "30"),
-        ("spring-damper", 640, "28", "40"),
-        ("staggered", 80, "", ""),
+        ("spring-damper", 80, "4", "7"),
+        ("spring-damper", 640, "7", "8.5"),
+        ("staggered", 80, "1.2", "1.5"),
     ],
 )
 def test_mujoco_over_a_users_loop(
@@ -87,6 +88,9 @@ def test_mujoco_over_a_users_loop(
             engine.run(SCENE, setting, many)
 
     loops = {
+        "mujoco.rollout on all cores, 1.5 Hertz contacts long": lambda: in_rollout(
+            xml, eighty, STEP, enough
+        ),
         "a user's loop, until the ball has left": lambda: in_mujoco(xml, eighty, STEP),
         "a user's loop, 1.5 Hertz contacts long": lambda: in_mujoco(xml, eighty, STEP, enough),
         "mj_step in Python, nothing read but when it has left": lambda: in_mujoco_barely(

@@ -200,6 +200,8 @@ def workers_for(executor: Executor | None, scheduler: str | None, jobs: int) -> 
             yield cluster
     else:
         with WorkerPool(jobs) as pool:
+            # While this process is still one thread, whose copies import nothing again.
+            pool.begin("importlib", "import_module", run_shard.__module__)
             yield Workers(pool.threads, lambda: jobs, pool.map)
 
 

@@ -298,13 +298,18 @@ class TunesModels(OpensModels):
         return UNKNOWN
 
     def landing(
-        self, source: Any, requests: Sequence[Request], like: DropTest | None = None
+        self,
+        source: Any,
+        requests: Sequence[Request],
+        like: DropTest | None = None,
+        until_worse: bool = False,
     ) -> DropTest:
         """Drop the robot of which the pairs are feet, and judge how it lands.
 
         like: a test whose length this one takes, to be compared with it; None for a length that
-        lets the robot come to rest. Raises UserError where the pairs are not of a robot that can
-        fall, and for an engine that judges no landings.
+        lets the robot come to rest. until_worse: one drop is enough where something is worse in it
+        than in all of `like`. Raises UserError where the pairs are not of a robot that can fall,
+        and for an engine that judges no landings.
         """
         raise UserError("engine", self.title, "an engine in which hcbench judges landings")
 

@@ -49,11 +49,18 @@ class DropBench(ABC):
     def test(self, seconds: float, drops: Sequence[RobotDrop] = DROPS) -> DropTest:
         """Drop the robot with the contacts that it has now. seconds: of each drop."""
 
-    def whole_test(self, like: DropTest | None) -> DropTest:
+    def whole_test(self, like: DropTest | None, until_worse: bool = False) -> DropTest:
         """Make every drop: for as long as `like` took, to be compared with it; for None, for as long
         as a standing robot takes to rest, or only until the touch if it falls over.
+
+        until_worse: one drop alone where something is worse in it than in all of `like`.
         """
         if like is not None:
+            if until_worse:
+                # The highest, tilted. Quantities are the largest of all drops: others change nothing.
+                hardest = self.test(like.seconds, DROPS[-1:])
+                if any(hardest.worse_than(like)):
+                    return hardest
             return self.test(like.seconds)
         # Where a robot lies that fell over is chance: only its touch can be compared. One drop
         # shows most robots that fall, and saves the others.

@@ -172,9 +172,13 @@ class Engine(ABC):
         """
         return passivity_of(self, scene, setting, speeds, whole, train)
 
-    def with_boxes(self, scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
-        """Return what `passivity` found with findings for boxes and a capsule; unchanged where the
-        engine tries none.
+    def with_boxes(
+        self, scene: Scene, setting: Setting, passivity: Passivity, whole: bool = False
+    ) -> Passivity:
+        """Return what `passivity` found with findings for boxes and a capsule, up to the first that
+        fails; unchanged where the engine tries none.
+
+        whole: go on after the first that fails, to learn which is furthest above its limit.
         """
         return passivity
 

@@ -178,13 +178,14 @@ class Passivity:
     """Energy and rest of a setting, as far as they were tested.
 
     bounces: of a ball.
-    flat: whether bodies that touch at several points, such as a box on its face, passed all of
-    `boxes`; None where none was tried.
+    flat: whether bodies that touch at several points, such as a box on its face, passed all tests;
+    None where none was tried.
     slope_drift: of a ball that may not turn, on 10 degrees, m/s; NaN without friction.
     findings: of the whole gate, empty for a screen.
     others: what the setting does to other contacts of the model, a sentence; "" for nothing.
     sliding: of a ball that slides, spins and rolls with friction.
-    boxes: of boxes and a capsule that fall and, with friction, slide and spin.
+    boxes: of boxes and a capsule that fall and, with friction, slide and spin; those after the first
+    that fails may be missing.
     """
 
     bounces: Bounces

@@ -213,9 +213,11 @@ class RemoteEngine(Wrapped):
         passivity: Passivity = self._call("passivity", scene, setting, speeds, whole, train)
         return passivity
 
-    def with_boxes(self, scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
+    def with_boxes(
+        self, scene: Scene, setting: Setting, passivity: Passivity, whole: bool = False
+    ) -> Passivity:
         """Try boxes in the engine's environment; as `Engine.with_boxes`."""
-        tried: Passivity = self._call("with_boxes", scene, setting, passivity)
+        tried: Passivity = self._call("with_boxes", scene, setting, passivity, whole)
         return tried
 
     def script(self, scene: Scene, setting: Setting) -> str:

@@ -414,12 +414,14 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
         there = other.passivity(scene, self._shared(setting), speeds, whole, train)
         return replace(there, bounces=here.bounces.joined(there.bounces))
 
-    def with_boxes(self, scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
+    def with_boxes(
+        self, scene: Scene, setting: Setting, passivity: Passivity, whole: bool = False
+    ) -> Passivity:
         """Try boxes and a capsule in `model_engine`; none with a law."""
         if self.law(setting) is not None:
             return passivity
         other = registry.engine(self.model_engine)
-        return other.with_boxes(scene, self._shared(setting), passivity)
+        return other.with_boxes(scene, self._shared(setting), passivity, whole)
 
 
 def shared_recipes(

@@ -151,7 +151,8 @@ def run_launches(
     done = 0
     while done < len(launches):
         room = max(_ROOM // max(1, whole), math.ceil(most / _LEAST_SHARE))
-        size = even_size(len(launches) - done, min(most, room))
+        # Full groups and a rest: a world takes a step of all its places in any case.
+        size = min(most, room)
         yield run(launches[done : done + size])
         done += size
 
@@ -238,6 +239,9 @@ def _until_ended(
         history = [part[:, going] for part in history]
         rule.keep(going)
         simulation.keep(going)
+    if len(parts) == 1:
+        # All ended in one chunk, in order.
+        return parts[0], longest
     return Impacts.joined(parts).take(np.argsort(np.concatenate(order))), longest
 
 
@@ -291,12 +295,12 @@ def _explain(impacts: Impacts, simulation: Simulation, counts: NDArray[np.int64]
 
     counts: steps of each launch of the simulation that has just ended, else 0, (b,). impacts: of
     those that ended, in order.
-    The simulation is asked for a note on all that ended, also those that went well: that of a
-    user's model then keeps what acted, for the search of causes.
     """
+    # Asked in any case: a simulation of a user's model keeps what acted, for the causes.
+    notes = simulation.notes(counts)
     wrong = np.isin(impacts.status, _WRONG)
-    for i, launch in enumerate(np.flatnonzero(counts).tolist()):
-        if (note := simulation.note(launch, int(counts[launch]))) and wrong[i]:
+    for i, note in enumerate(notes):
+        if note and wrong[i]:
             impacts.reason[i] = f"{impacts.reason[i]}; {note}"
 
 

@@ -89,15 +89,13 @@ class Simulation(ABC):
     def keep(self, which: Flags) -> None:
         """Go on with these only, shape (b,): the others have ended."""
 
-    def note(self, launch: int, steps: int) -> str:
-        """Name the forces other than the contact that acted on a launch's
-        bodies in its first `steps` steps.
+    def notes(self, counts: NDArray[np.int64]) -> Sequence[str]:
+        """Sentences on the forces other than the contact that acted on the bodies of each launch
+        that has ended, in order; "" where none acted, () where no simulation like this has any.
 
-        A sentence; "" if none acted.
-
-        launch: its place among those under way.
+        counts: steps of each launch under way that has ended, else 0, (b,).
         """
-        return ""
+        return ()
 
     def close(self) -> None:  # noqa: B027 - most have nothing to put back
         """Put back what the simulation changed in its world."""

@@ -338,10 +338,11 @@ def _best(
     # In order: what lands worse, then the first that lands no worse but is not near enough.
     others: list[_Try] = []
     for without_landing in order:
-        tried = _dropped(engine, requests, without_landing, landed)
+        # The landing of the first that lands worse may be shown, of the others one drop may do.
+        tried = _dropped(engine, requests, without_landing, landed, until_worse=bool(others))
         # A landing costs less than launches that no search saw: these only where it is good.
         if tried.landing is not None and tried.landing.worse:
-            others.append(tried)
+            others.append(without_landing if others else tried)
             continue
         is_own = tried.setting.name == AS_IT_IS
         if is_own and tried.error > enough:
@@ -358,6 +359,8 @@ def _best(
         break
     for tried in others:
         judged = _bouncing(tried, attitudes, wanted)
+        if judged is not None and judged.landing is None:
+            judged = _dropped(engine, requests, judged, landed)
         if judged is not None:
             return judged
     got = f"launches with the setting {order[0].setting.name!r} gave no restitution"
@@ -367,19 +370,23 @@ def _best(
 
 
 def _dropped(
-    engine: TunesModels, requests: Sequence[Request], tried: _Try, landed: DropTest | None
+    engine: TunesModels,
+    requests: Sequence[Request],
+    tried: _Try,
+    landed: DropTest | None,
+    until_worse: bool = False,
 ) -> _Try:
     """Drop a robot with the setting of a try, and return the try with its landing; the try itself
     without a robot.
 
     requests: one a pair. tried: the try. landed: the robot as it is; None for a model without a
-    robot.
+    robot. until_worse: one drop is enough where something is worse in it.
     """
     if landed is None:
         return tried
     after = landed
     if tried.setting.source is not None:
-        after = engine.landing(tried.setting.source, requests, landed)
+        after = engine.landing(tried.setting.source, requests, landed, until_worse)
     return dataclasses.replace(tried, landing=LandingChange(landed, after))
 
 

@@ -66,7 +66,9 @@ class Tuned(Drawn):
         return max(self.evaluation.max_e, self.passivity.bounces.max_e)
 
     def with_boxes(self) -> Tuned:
-        """The same with boxes and a capsule tried, where the engine tries any."""
+        """The same with boxes and a capsule tried up to the first that gains energy, where the engine
+        tries any.
+        """
         if self.passivity.flat is not None:
             return self
         adapter = registry.engine(self.recipe.engine)

@@ -21,6 +21,8 @@ from hcbench.cli import run
 from hcbench.cli.tune_model import landing_table
 from hcbench.measuring import Wanted
 from hcbench.measuring.request import make_request
+from hcbench.sim import registry
+from hcbench.sim.capabilities import TunesModels
 from hcbench.sim.landing import DROPS, HEIGHTS, PHASES, QUANTITIES, DropTest, Reach, drop_test
 from hcbench.sim.model_under_test import ModelSetting, Output
 from hcbench.sim.rest import UNKNOWN
@@ -275,9 +277,16 @@ def test_a_model_whose_text_cannot_stay_says_that_it_includes_no_file(tmp_path: 
 
 
 class Lands:
-    """Stands in for an engine: settings whose source is "worse" land worse."""
+    """Stands in for an engine: settings whose source is "worse" land worse.
 
-    def landing(self, source: Any, requests: Any, like: DropTest) -> DropTest:
+    briefly: of each test that it was asked for, whether one drop would do.
+    """
+
+    def __init__(self) -> None:
+        self.briefly: list[bool] = []
+
+    def landing(self, source: Any, requests: Any, like: DropTest, until_worse: bool) -> DropTest:
+        self.briefly.append(until_worse)
         return worse(like) if source == "worse" else like
 
 
@@ -288,11 +297,14 @@ def a_try(name: str, source: Any, error: float, *, bounces: bool = True) -> Any:
     return _Try(setting, UNKNOWN, error, 0, throws_up=False, pairs=pairs)
 
 
-def chosen(*tries: Any, landed: bool = False, limit: float = 1.0) -> Any:
+def chosen(
+    *tries: Any, landed: bool = False, limit: float = 1.0, engine: Lands | None = None
+) -> Any:
     was = tuned(rebound=0.02).landing
     assert was is not None
     before = was.before if landed else None
-    return _best(Lands(), [], [], Wanted(restitution=0.5), before, limit, tries)  # type: ignore[arg-type]
+    engine = engine or Lands()
+    return _best(engine, [], [], Wanted(restitution=0.5), before, limit, tries)  # type: ignore[arg-type]
 
 
 def test_a_setting_without_a_bounce_is_passed_over() -> None:
@@ -307,6 +319,34 @@ def test_a_setting_with_which_the_robot_lands_worse_gives_way_to_one_that_gains(
     assert chosen(bad, good, landed=True).setting.name == "good"
     assert chosen(bad, landed=True).landing.worse
     assert chosen(bad, good, landed=True, limit=0.0).setting.name == "bad"
+
+
+def test_one_drop_is_enough_where_something_is_worse_in_it() -> None:
+    """Drops of 0.4 s: a robot as it is, compared with itself and with one of a softer landing."""
+    engine = registry.engine("mujoco")
+    assert isinstance(engine, TunesModels)
+    requests = [make_request(FEET[0])]
+    landed = tuned(rebound=0.02).landing
+    assert landed is not None
+    brief = dataclasses.replace(landed.before, seconds=0.4)
+    like = engine.landing(QUADRUPED, requests, brief)
+    assert not [*engine.landing(QUADRUPED, requests, like, True).worse_than(like)]
+    softer = dataclasses.replace(like, peak=like.peak / 2)
+    one = engine.landing(QUADRUPED, requests, softer, True)
+    every = engine.landing(QUADRUPED, requests, softer)
+    assert [*one.worse_than(softer)] and [*every.worse_than(softer)]
+    assert math.isnan(one.rebound) and not math.isnan(every.rebound)  # one tilted drop; all 24
+
+
+def test_only_a_landing_that_is_shown_is_tested_whole() -> None:
+    bad, silent = a_try("bad", "worse", 0.1), a_try("silent", "worse", 0.1, bounces=False)
+    engine = Lands()
+    assert chosen(bad, a_try("second", "worse", 0.2), landed=True, engine=engine).landing.worse
+    assert engine.briefly == [False, True]
+    engine = Lands()
+    shown = chosen(silent, a_try("second", "worse", 0.2), landed=True, engine=engine)
+    assert shown.setting.name == "second" and shown.landing.worse
+    assert engine.briefly == [False, True, False]
 
 
 @pytest.fixture

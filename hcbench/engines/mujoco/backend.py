@@ -1,6 +1,7 @@
 """The mujoco package: importing it, what an older version lacks, its warnings and its fatal errors."""
 
 import contextlib
+import functools
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -120,5 +121,11 @@ def forget_resets(data: Any) -> None:
 
 def resets(data: Any) -> bool:
     """Say whether MuJoCo reset the state as bad; in a first step the time does not show it."""
-    bad = backend().mjtWarning
-    return bool(data.warning.number[int(bad.mjWARN_BADQPOS) : int(bad.mjWARN_BADQACC) + 1].any())
+    return bool(data.warning.number[_bad_states()].any())
+
+
+@functools.cache
+def _bad_states() -> slice:
+    """Places of the warnings of a state that MuJoCo resets, among the numbers of all warnings."""
+    kinds = backend().mjtWarning
+    return slice(int(kinds.mjWARN_BADQPOS), int(kinds.mjWARN_BADQACC) + 1)

@@ -241,11 +241,13 @@ class MujocoEngine(
         passivity = super().passivity(scene, setting, speeds, whole, train)
         return with_law(scene, setting, passivity)
 
-    def with_boxes(self, scene: Scene, setting: Setting, passivity: Passivity) -> Passivity:
+    def with_boxes(
+        self, scene: Scene, setting: Setting, passivity: Passivity, whole: bool = False
+    ) -> Passivity:
         """Try boxes and a capsule in plain MuJoCo; none in a cup, and none of a force law."""
         from hcbench.engines.mujoco.passivity import judge
 
-        return judge.with_boxes(scene, setting, passivity)
+        return judge.with_boxes(scene, setting, passivity, whole)
 
     def with_friction(self, setting: Setting, friction: float) -> Setting:
         """The setting with friction in its force law, or in each of its rows.
@@ -478,12 +480,16 @@ class MujocoEngine(
         return standing(opened)
 
     def landing(
-        self, source: Any, requests: Sequence[Request], like: DropTest | None = None
+        self,
+        source: Any,
+        requests: Sequence[Request],
+        like: DropTest | None = None,
+        until_worse: bool = False,
     ) -> DropTest:
         """Drop a robot with a free joint or a vertical slide over parts of the world."""
         from hcbench.engines.mujoco.model.drop_test import landing
 
-        return landing(_one_file(source), requests, like)
+        return landing(_one_file(source), requests, like, until_worse)
 
     def landing_peaks(self, source: Any, request: Request) -> tuple[LandingPeak, ...]:
         """Peak forces of drops of the pair's moving body, with all that hangs on it, over its

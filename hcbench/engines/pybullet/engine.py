@@ -252,14 +252,19 @@ class PybulletEngine(
         return land_in(source, request, drops, rebuild)
 
     def landing(
-        self, source: Any, requests: Sequence[Request], like: DropTest | None = None
+        self,
+        source: Any,
+        requests: Sequence[Request],
+        like: DropTest | None = None,
+        until_worse: bool = False,
     ) -> DropTest:
         """Drop a robot of joints with a free base over the fixed bodies of its world, and judge how
         it lands.
 
         source: files, a `World`, a client, or one of these with a setting. requests: of the pairs
         of its feet with the floor. like: a test whose length this one takes; None: long enough to
-        come to rest. Raises UserError where the pairs are not of a robot that can fall.
+        come to rest. until_worse: one drop is enough where something is worse in it than in all of
+        `like`. Raises UserError where the pairs are not of a robot that can fall.
         """
         from hcbench.engines.pybullet.model.drop_test import ChangedWorld, WorldDropBench
 
@@ -267,7 +272,7 @@ class PybulletEngine(
             bench = WorldDropBench(source.build(), requests, source.apply)
         else:
             bench = WorldDropBench(_opened(source, requests), requests)
-        return bench.whole_test(like)
+        return bench.whole_test(like, until_worse)
 
     def rebound_settings(
         self, source: Any, requests: Sequence[Request], before: DropTest, rebound: float

@@ -319,16 +319,19 @@ class ModelDropBench(DropBench):
         return energy
 
 
-def landing(source: Any, requests: Sequence[Request], like: DropTest | None) -> DropTest:
+def landing(
+    source: Any, requests: Sequence[Request], like: DropTest | None, until_worse: bool = False
+) -> DropTest:
     """Drop a robot in its pose from all heights, tilts and phases of DROPS, and judge its landing.
 
     source: a file, MJCF text or an MjSpec. requests: of pairs of the robot with its floor; the
     first has the pose. like: a test whose length this one takes; None: long enough to come to rest.
+    until_worse: one drop is enough where something is worse in it than in all of `like`.
     Raises UserError for what cannot be dropped or copied, EngineMissing for a MuJoCo without
     contact sensors.
     """
     bench = ModelDropBench(spec_of(source), label_of(source), requests)
-    return bench.whole_test(like)
+    return bench.whole_test(like, until_worse)
 
 
 def landing_peaks(source: Any, request: Request) -> tuple[LandingPeak, ...]:

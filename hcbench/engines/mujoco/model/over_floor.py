@@ -77,8 +77,10 @@ class OverFloor:
 
         geoms: numbers of the two geoms of each contact, (n, 2), in either order.
         """
-        touches_robot = self.of_robot[geoms].any(axis=1)
-        touches_floor = self.of_floor[geoms].any(axis=1)
+        one = geoms[:, 0]
+        other = geoms[:, 1]
+        touches_robot = self.of_robot[one] | self.of_robot[other]
+        touches_floor = self.of_floor[one] | self.of_floor[other]
         return np.asarray(touches_robot & touches_floor)
 
     def is_touching(self, data: Any) -> bool:

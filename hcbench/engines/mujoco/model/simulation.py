@@ -402,9 +402,10 @@ class Flights(Simulation, Generic[Flight]):
         """Go on with these launches only."""
         self._flights = [flight for flight, kept in zip(self._flights, which, strict=True) if kept]
 
-    def note(self, launch: int, steps: int) -> str:
-        """Name other contacts of a launch in its first steps."""
-        return self._flights[launch].note(steps)
+    def notes(self, counts: NDArray[np.int64]) -> Sequence[str]:
+        """Names of the other contacts of each launch that has ended; see `Simulation`."""
+        ended = np.flatnonzero(counts).tolist()
+        return [self._flights[launch].note(int(counts[launch])) for launch in ended]
 
     def side_by_side(self, records: Sequence[Record]) -> Record:
         """Join the records of single launches into one of all, with NaN after the end of a shorter

@@ -211,12 +211,10 @@ def ball_slides(contact: Contact, options: Stepping) -> list[Finding]:
     return list(_findings(contact, options, ball))
 
 
-def boxes_slide(contact: Contact, options: Stepping) -> list[Finding]:
+def boxes_slide(contact: Contact, options: Stepping) -> Iterator[Finding]:
     """Findings for a box on its face and on an edge, and for a capsule on its side."""
-    findings: list[Finding] = []
     for body in _BOXES:
-        findings += _findings(contact, options, body)
-    return findings
+        yield from _findings(contact, options, body)
 
 
 def _findings(contact: Contact, options: Stepping, body: _ThrownBody) -> Iterator[Finding]:
@@ -228,10 +226,11 @@ def _findings(contact: Contact, options: Stepping, body: _ThrownBody) -> Iterato
     """
     under = str(options)
     grew = 0.0
-    thrown = _model(contact, options, body, contact.falls)
+    model = _model(contact, options, body)
+    model.opt.gravity[2] = -contact.falls
     for speed, (slip, spin) in product(_THROWS, _MOTIONS):
         velocity = (*slip, -speed, *spin)
-        path = _followed(thrown, body, velocity, _THROWN_S, 2.4 * contact.timestep * speed)
+        path = _followed(model, body, velocity, _THROWN_S, 2.4 * contact.timestep * speed)
         grew = max(grew, path.grew)
     throws = len(_THROWS) * len(_MOTIONS)
     yield Finding(
@@ -248,13 +247,13 @@ def _findings(contact: Contact, options: Stepping, body: _ThrownBody) -> Iterato
     if body.axle:
         rolls = np.array(body.axle) * _SLIDES / body.high
         laid["rolling"] = (_SLIDES, 0.0, 0.0, *rolls)
-    lying = _model(contact, options, body, contact.gravity)
+    model.opt.gravity[2] = -contact.gravity
     for how, velocity in laid.items():
-        path = _followed(lying, body, velocity, _LAID_S)
+        path = _followed(model, body, velocity, _LAID_S)
         limit = max(_RISES, contact.gravity * contact.timestep**2)
         yield Finding(f"hop of a {body.name}, laid down {how}", under, path.rose, limit, "m")
     if body.along and contact.friction > _HOLDS * math.tan(_CREEP_SLOPE):
-        drift = creep(contact, options, body)
+        drift = creep(contact, model, body)
         yield Finding(f"creep of a {body.name} on 5 degrees", under, drift, MOST_DRIFT, "m/s")
 
 
@@ -266,12 +265,10 @@ def _upright_spin(body: _ThrownBody) -> Floats:
     return spin
 
 
-def _model(contact: Contact, options: Stepping, body: _ThrownBody, gravity: float) -> Any:
+def _model(contact: Contact, options: Stepping, body: _ThrownBody) -> Any:
     geom = f'<geom name="ball" {body.shape} mass="{_MASS}" friction="{contact.friction!r}"/>'
     place = f'name="ball" pos="0 0 {body.high!r}"'
-    model = contact.model(f"<body {place}><freejoint/>{geom}</body>", options, [("ball", "plate")])
-    model.opt.gravity[2] = -gravity
-    return model
+    return contact.model(f"<body {place}><freejoint/>{geom}</body>", options, [("ball", "plate")])
 
 
 @dataclass(slots=True)
@@ -358,14 +355,13 @@ def _gained_since(model: Any) -> float:
     return 0.0 if is_rk4 else -model.opt.gravity[_Z] * model.opt.timestep / 2
 
 
-def creep(contact: Contact, options: Stepping, body: _ThrownBody) -> float:
+def creep(contact: Contact, model: Any, body: _ThrownBody) -> float:
     """Speed of a body down a slope of 5 degrees, m/s, over the last quarter of the time.
 
     It starts at rest, in the attitude in which it does not roll down. Infinite where it diverged.
 
-    contact: of the body with the plate. options: of the plain model.
+    model: of the body on the plate, whose gravity is turned.
     """
-    model = _model(contact, options, body, contact.gravity)
     data = backend().MjData(model)
     data.qpos[_QUATERNION] = body.along
     model.opt.gravity[:] = contact.gravity * np.array(
@@ -488,20 +484,20 @@ def _rest(model: Any, seconds: float) -> Rest:
     )
 
 
-def box_growth(contact: Contact, options: Stepping, attitude: str, speed: float) -> float:
+def box_growth(model: Any, attitude: str, speed: float) -> float:
     """Throw a box on the plate, and return the largest ratio of its energy in a flight to that in an
     earlier one: above 1 it gained energy; infinite where it diverged.
 
-    options: of the plain model. attitude: a key of _ATTITUDES. speed: downwards at touch, m/s; the
-    box starts 2.4 steps before the touch.
+    model: of one box. attitude: a key of _ATTITUDES. speed: downwards at touch, m/s; the box starts
+    2.4 steps before the touch.
     """
-    model = contact.with_boxes(options)
+    timestep = float(model.opt.timestep)
     quaternion, high = _ATTITUDES[attitude]
     data = backend().MjData(model)
-    data.qpos[_Z] = HALF * high + 2.4 * contact.timestep * speed
+    data.qpos[_Z] = HALF * high + 2.4 * timestep * speed
     data.qpos[_QUATERNION] = quaternion
     data.qvel[_Z] = -speed
-    return _growth(model, data, min(_BOX_S, _BOX_STEPS * contact.timestep))
+    return _growth(model, data, min(_BOX_S, _BOX_STEPS * timestep))
 
 
 def _growth(model: Any, data: Any, seconds: float) -> float:
@@ -533,8 +529,9 @@ def _growth(model: Any, data: Any, seconds: float) -> float:
 
 def boxes(contact: Contact, options: Stepping) -> Iterator[Finding]:
     """Boxes that fall on face, edge and vertex."""
+    model = contact.with_boxes(options)
     for attitude, speed in itertools.product(_ATTITUDES, _BOX_SPEEDS):
-        grew = box_growth(contact, options, attitude, speed)
+        grew = box_growth(model, attitude, speed)
         yield Finding(
             f"box on {attitude} at {speed:g} m/s", str(options), grew, MOST_ENERGY, "x energy"
         )
