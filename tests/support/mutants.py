@@ -133,8 +133,8 @@ MUTANTS = (
     Mutant(
         "sim/read_impact.py",
         "at_plane",
-        "(v + lack) ** 2 - 2.0 * gravity * x",
-        "(v + lack) ** 2 + 2.0 * gravity * x",
+        "(v + added) ** 2 - 2.0 * gravity * x",
+        "(v + added) ** 2 + 2.0 * gravity * x",
         "the speed at the touch plane follows from what flight conserves",
         ("tests/sim/test_read_impact.py",),
     ),
