@@ -151,7 +151,7 @@ class WarpImpacts:
         )
         found.dim, found.dist, found.margin = contact.dim, contact.dist, contact.includemargin
         found.pos, found.frame, found.solref = contact.pos, contact.frame, contact.solref
-        found.row = contact.efc_address
+        found.row, found.place = contact.efc_address, contact.geomcollisionid
         shapes = {
             "first": d.nworld,
             "first_before": d.nworld,

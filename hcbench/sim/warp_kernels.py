@@ -39,20 +39,20 @@ _POINTS_PER_E_FOLD = wp.constant(
 # fastest rate, below which float32 has noise alone.
 _SETTLED = wp.constant(1e-5)
 _NOISE = wp.constant(4e-7)
-# Speed of a place of contact, beside that of its slip, up to which it is that of the step before.
-_WANDERS = wp.constant(0.1)
 
 
 @wp.struct
 class Found:
     """Contacts of all worlds, as the engine found them in this step, or had them in the last.
 
-    count: of them, (1,). world, dim: of each. geom: of both sides. mark: of those that are solved.
+    count: of them, (1,). world, dim: of each. geom: of both sides. place: number among those that
+    two geoms can have, such as that of a box's corner. mark: of those that are solved.
     """
 
     count: wp.array[int]
     world: wp.array[int]
     geom: wp.array[wp.vec2i]
+    place: wp.array[int]
     mark: wp.array[int]
     dim: wp.array[int]
     dist: wp.array[float]
@@ -68,8 +68,8 @@ class Room:
     """Numbers of a step that outlive none, for each contact; and the heads of the worlds' lists.
 
     first, first_before: of the contacts of a law, now and in the step before, (worlds,); -1 of
-    none. following, following_before: in those lists. geom_before, pos_before, force_before: of the
-    step before. law: number of the pair; -1 of none. dist, solref: as found. rows: rates over
+    none. following, following_before: in those lists. geom_before, place_before, force_before: of
+    the step before. law: number of the pair; -1 of none. dist, solref: as found. rows: rates over
     velocities, along the normal (apart above 0) and two tangents, (contacts, nv). moves: M⁻¹ of the
     rows. own: rates that impulses of the same contact make. rate: before impulses, less half a
     step's push. target: least rate at which it parts. calm: speed that counts as rest. load: m/s².
@@ -81,7 +81,7 @@ class Room:
     following: wp.array[int]
     following_before: wp.array[int]
     geom_before: wp.array[wp.vec2i]
-    pos_before: wp.array[wp.vec3]
+    place_before: wp.array[int]
     force_before: wp.array[float]
     law: wp.array[int]
     dist: wp.array[float]
@@ -157,7 +157,7 @@ def remember(
     for edge in range(edges):
         total += force[world, row + edge]
     room.geom_before[i] = geom
-    room.pos_before[i] = found.pos[i]
+    room.place_before[i] = found.place[i]
     room.force_before[i] = total
     room.following_before[i] = wp.atomic_exch(room.first_before, world, i)
 
@@ -257,23 +257,15 @@ def _velocity(motion: wp.spatial_vector, arm: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def _force_before(found: Found, room: Room, contact: int, slip: float, timestep: float) -> float:
-    """Normal force that a contact had in the step before, N; 0 of a new one.
-
-    It is that of the nearest contact of the same geoms, which has not wandered far.
-    """
-    nearest = timestep * (_WANDERS + 2.0 * slip)
-    force = float(0.0)
-    geom = found.geom[contact]
+def _force_before(found: Found, room: Room, contact: int) -> float:
+    """Normal force that a contact had in the step before, N; 0 of a new one."""
     i = room.first_before[found.world[contact]]
     while i >= 0:
-        if room.geom_before[i] == geom:
-            away = wp.length(room.pos_before[i] - found.pos[contact])
-            if away < nearest:
-                nearest = away
-                force = room.force_before[i]
+        is_same_place = room.place_before[i] == found.place[contact]
+        if is_same_place and room.geom_before[i] == found.geom[contact]:
+            return room.force_before[i]
         i = room.following_before[i]
-    return force
+    return 0.0
 
 
 @wp.func
@@ -407,8 +399,7 @@ def aim(
     presses = wp.max(pushed, 0.0)
     # All other forces of the step before: a foot may be pressed through a joint's limit, a body by
     # others that lie on it.
-    slip = wp.length(wp.vec2(rate[1], rate[2]))
-    others = own[0, 0] * _force_before(found, room, i, slip, timestep) - moved
+    others = own[0, 0] * _force_before(found, room, i) - moved
     gravity = gravities[world % gravities.shape[0]]
     normal = wp.transpose(found.frame[i]) * wp.vec3(1.0, 0.0, 0.0)
     body1 = geom_bodyid[found.geom[i][0]]
