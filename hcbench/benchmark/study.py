@@ -461,8 +461,9 @@ def _described(scene: Scene) -> dict[str, Any]:
 
 
 def preview(study: Study) -> Study:
-    """A smaller study: the main α alone, every fourth speed, every second height and step, half the
-    phases; its `left_out` says so.
+    """A smaller study: the main α alone, every fourth speed, half the phases, and every second step,
+    or in a run of drops every second height; its `left_out` says so. A run with speeds of its own
+    keeps them.
 
     Without oblique launches, those off the axis, and launches over the band for fewer α than the
     study's: these are the settings that each take a search. A table of engines by step has every
@@ -485,7 +486,7 @@ def preview(study: Study) -> Study:
         raise StudyError("quick", got, "a run that a preview can show", "Run it without --quick")
     left_out = (
         f"{len(speeds)} of {len(study.speeds)} speeds, {phases} of {study.phases} phases, 1 of "
-        f"{len(study.alphas)} α, every second height and every second step, and {len(runs)} of "
+        f"{len(study.alphas)} α, every second height or step, and {len(runs)} of "
         f"{len(study.runs)} runs: none launched obliquely, off the axis or for fewer α; no PNG files"
     )
     return replace(
@@ -516,15 +517,17 @@ def _thinned(run: Run, study: Study, speeds: tuple[float, ...]) -> Run:
     """
     run = replace(run, alphas=(study.main_alpha,))
     if run.dropped:
-        # Every second speed, and the last one: the band stays.
-        return replace(run, speeds=(*run.speeds[:-2:2], run.speeds[-1]))
+        # Every second speed, and the last one: the band stays, also that of two.
+        slower = run.speeds[:-2:2] or run.speeds[:-1]
+        return replace(run, speeds=(*slower, run.speeds[-1]))
     steps = run.timesteps[::2]
     if study.page == "field":
         # Every second step of all engines: those of one engine alone may be others.
         steps_of_study: set[float] = set()
         for other in study.runs:
             steps_of_study.update(other.timesteps)
-        shown = sorted(steps_of_study)[1::2]
+        in_order = sorted(steps_of_study)
+        shown = in_order[1::2] or in_order
         steps = tuple(step for step in run.timesteps if step in shown)
     if run.speeds != study.speeds:
         speeds = run.speeds

@@ -42,7 +42,9 @@ ALPHA_SPEED_LIMIT = 0.16
 
 @dataclass(frozen=True, slots=True)
 class ImpactSummary:
-    """One impact by eq. (16). No shear stress for n other than 3/2, where Hertz says nothing."""
+    """One impact by eq. (16). No shear stress without a radius, or for n other than 3/2, where Hertz
+    says nothing.
+    """
 
     alpha_s_per_m: float
     speed_m_per_s: float
@@ -57,16 +59,17 @@ class ImpactSummary:
 
 
 def summarize(
-    law: HuntCrossley, mass: float, speed: float, relative_radius: float
+    law: HuntCrossley, mass: float, speed: float, relative_radius: float | None
 ) -> ImpactSummary:
     """Everything about one impact: mass kg, speed v_i m/s, relative radius R m.
 
-    The radius counts for the shear stress alone, which is None for an exponent other than 1.5.
-    Raises UserError for a mass, speed or radius that is not above 0, and for an α v above 1000.
+    The radius counts for the shear stress alone, which is None without it, and for an exponent other
+    than 1.5. Raises UserError for a mass or speed that is not above 0, for such a radius at the
+    exponent 1.5, and for an α v above 1000.
     """
     force = float(closed_form.force_max(law, mass, speed))
     shear = None
-    if law.exponent == 1.5:
+    if law.exponent == 1.5 and relative_radius is not None:
         shear = hertz.from_stiffness(law.stiffness, relative_radius).shear_max(force)
     return ImpactSummary(
         alpha_s_per_m=float(law.alpha),
@@ -85,8 +88,7 @@ def summarize(
 def _warnings(law: HuntCrossley, speed: float, shear: float | None) -> tuple[str, ...]:
     """Sentences on an impact outside the paper's range; empty for one within it.
 
-    speed: at the impact, m/s. shear: largest shear stress, Pa; None if the exponent is another than
-    that of spheres.
+    speed: at the impact, m/s. shear: largest shear stress, Pa; None where it is not known.
     """
     warnings = []
     # The margin lets 20 in/s itself pass, whatever unit it was converted from.
@@ -100,7 +102,7 @@ def _warnings(law: HuntCrossley, speed: float, shear: float | None) -> tuple[str
             f"shear stress {shear:.3g} Pa is above {hertz.SHEAR_LIMIT:.3g} Pa (62 000 psi):"
             " surfaces may yield"
         )
-    if shear is None:
+    if shear is None and law.exponent != 1.5:
         warnings.append(
             f"no shear stress for exponent {law.exponent:g}: eq. (6) is for n = 1.5, spheres"
         )
@@ -245,12 +247,16 @@ class ImpactLaw(Drawn):
     @checked
     def impacts(self, speeds: Quantities) -> list[ImpactSummary]:
         """Everything about one impact at each speed: e, penetration, force, duration, energy lost,
-        SI.
+        SI; the shear stress only with the paper's stiffness, which is that of its sphere and plate.
 
         Raises QuantityError for a speed that is not above 0, UserError for an α v above 1000.
         """
         values = units.parse_values(speeds, "speed", "speeds", above=0)
-        return [summarize(self.force, self.mass, v, PAPER_RELATIVE_RADIUS) for v in values.tolist()]
+        # Another stiffness is of bodies whose radius is not known.
+        radius = None
+        if self.force.stiffness == units.parse(PAPER_STIFFNESS, "stiffness", "stiffness", 1.5):
+            radius = PAPER_RELATIVE_RADIUS
+        return [summarize(self.force, self.mass, v, radius) for v in values.tolist()]
 
     @checked
     def loop(self, speed: Quantities, count: int = LOOP_COUNT) -> pd.DataFrame:
@@ -362,7 +368,7 @@ class ImpactLaws(Drawn):
 
     @checked
     def impacts(self, speeds: Quantities) -> list[ImpactSummary]:
-        """Everything about one impact for each α at each speed, SI.
+        """Everything about one impact for each α at each speed, SI, as `ImpactLaw.impacts`.
 
         Raises QuantityError for a speed that is not above 0, UserError for an α v above 1000.
         """

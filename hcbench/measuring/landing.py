@@ -238,7 +238,12 @@ def as_record(landings: Landings) -> dict[str, Any]:
 
 
 def _drop_record(drop: Landing) -> dict[str, Any]:
-    """One landing in SI units: its numbers, each foot's, and force (N) over time (s) as lists."""
+    """One landing in SI units, by JSON key: its numbers, each foot's, and force (N) over time (s) as
+    lists.
+
+    "other_phases" has the numbers alone of the same drop with its first touch at other places in a
+    time step.
+    """
     return {
         **record(LANDING, drop),
         LANDING_SPEED_OUT.key: drop.speed_out,

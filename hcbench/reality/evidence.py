@@ -122,12 +122,13 @@ def cube_slopes(
     return [slope_of(MEASURED, *speeds_and_e(impacts), words), *of_twins.values()]
 
 
-def ellipse_slope(impacts: Any) -> Slope:
+def ellipse_slope(impacts: ellipse.EllipseImpacts) -> Slope:
     """Slope of e over the normal speed before, s/m, of the ellipse's drops, with its interval.
     Noise in that speed makes a slope of its own, which `constant` of the result names.
 
-    impacts: `EllipseImpacts`.
+    impacts: n planar ones, velocities (x, z, spin) before and after, (n, 3), m/s and rad/s.
     """
+    # A row of the contact's Jacobian, `normal`, times a velocity is the contact point's speed, m/s.
     speed = -np.einsum("ij,ij->i", impacts.normal, impacts.before)
     out = np.einsum("ij,ij->i", impacts.normal, impacts.after)
     e = out / speed

@@ -141,9 +141,10 @@ class View:
         return np.array([min(self.study["speeds"]), max(self.study["speeds"])], dtype=float)
 
     def band_text(self, timestep: float) -> str:
-        """The impact speeds of all runs at a step, as text: "0.025 … 0.51 m/s".
+        """The impact speeds of the runs at a step that launch straight down, or at the smallest
+        angle, as text: "0.025 … 0.51 m/s".
 
-        timestep: s, of one run at least; raises ValueError for any other.
+        timestep: s, of one such run at least; raises ValueError for any other.
         """
         of_step = []
         for (run, _), folded in self.head_on.items():

@@ -126,7 +126,8 @@ def _folder() -> Path:
 
 
 def _compile(command: list[str], target: Path) -> None:
-    """Compile a library, and put it and its digest at `target`, whole or not at all.
+    """Compile a library, and put it at `target`, whole or not at all, and then its digest beside it:
+    without that no library counts as whole.
 
     command: the compiler's, without its output. target: in an existing folder. Raises NotCompiled
     with what the compiler said, why it could not be run, or that what it wrote does not load;
@@ -150,7 +151,11 @@ def _compile(command: list[str], target: Path) -> None:
             reason = f"{name} ended without an error and wrote no library"
             raise NotCompiled(reason, _WORKING, _ANOTHER)
         # In a process of its own: a library that this one has loaded stays, and a bad one may end it.
-        status, said = _run([sys.executable, "-I", "-S", "-c", _LOAD, str(built)], folder)
+        try:
+            status, said = _run([sys.executable, "-I", "-S", "-c", _LOAD, str(built)], folder)
+        except subprocess.TimeoutExpired as error:
+            reason = f"{name} wrote a library that did not load within {_LIMIT_S:g} s"
+            raise NotCompiled(reason, _WORKING, _ANOTHER) from error
         if status:
             lines = said.strip().splitlines() or [f"status {status}"]
             why = lines[-1].removeprefix("OSError: ").removeprefix(f"{built}: ")

@@ -459,8 +459,8 @@ def _tried(
     """The largest error of e in a few launches of each pair with a setting; infinite where one has
     no e.
 
-    requests: one a pair. wanted: e over speed. enough: error of e that is near enough: after a pair
-    far above it, the pairs that are left are not launched.
+    requests: one a pair. wanted: e over speed. enough: error of e that is near enough. After a pair
+    with a far larger error the pairs that are left are not launched: the result is a lower bound.
     """
     worst = 0.0
     for request in requests:

@@ -302,10 +302,11 @@ def _rise_in(
     family: ContactFamily, maps: _Maps, requests: Sequence[Request], job: _RandomizeJob
 ) -> float:
     """Largest rise of e of a launch that slides over one straight down, at both ends of the job's
-    band of e and with its highest μ.
+    band of e and with its highest μ, or the model's own μ where the job draws none.
 
-    maps: give the nominal e with which the family's contact has a measured e. requests: one a pair.
-    Infinite where a launch has no e.
+    maps: give the nominal e with which the family's contact has a measured e, of each kind of pair;
+    one contact with their mean is tried. requests: one a pair. Infinite where a launch has no e, 0
+    where no pair can slide.
     """
     mu = None if job.friction is None else job.friction[1]
 

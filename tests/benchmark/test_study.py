@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import subprocess
@@ -186,6 +187,16 @@ def test_a_quick_study_is_a_smaller_one(study: Study) -> None:
     assert "5 of 20 speeds, 4 of 8 phases, 1 of 4 α" in quick.left_out
     assert quick.described()["left_out"] == quick.left_out
     assert "left_out" not in full.described()
+
+
+def test_a_quick_study_keeps_both_heights_of_two_and_the_only_step() -> None:
+    two = study_from(CONTENT)
+    drops = dataclasses.replace(two.runs[0], dropped=True, speeds=(0.5, 1.5), timesteps=(1e-3,))
+    (run,) = dataclasses.replace(two, runs=(drops,)).quick().runs
+    assert run.speeds == (0.5, 1.5)
+    launched = dataclasses.replace(two.runs[0], speeds=two.speeds, timesteps=(1e-3,))
+    (run,) = dataclasses.replace(two, runs=(launched,), page="field").quick().runs
+    assert run.timesteps == (1e-3,)
 
 
 def test_a_study_of_which_a_preview_would_be_empty_says_so() -> None:

@@ -46,6 +46,14 @@ def test_a_row_is_the_closed_forms() -> None:
     )
 
 
+def test_shear_is_given_of_the_papers_bodies_alone() -> None:
+    (of_paper,) = hb.law(0.3).impacts([0.2])
+    (of_others,) = hb.law(0.3, stiffness=1e6).impacts([0.2])
+    assert of_paper.shear_stress_max_pa is not None
+    assert of_others.shear_stress_max_pa is None
+    assert "shear" not in " | ".join(of_others.warnings)
+
+
 @pytest.mark.parametrize("exponent", [1.5, 1.0])
 def test_a_motion_is_that_of_the_equation(exponent: float) -> None:
     """Against the differential equation, which shares no code with the closed form."""

@@ -319,6 +319,10 @@ def test_a_restitution_in_another_simulators_tag_is_reported(files: tuple[Path, 
         ('<robot name="r"><link name="a"/><link name="b"/></robot>', "2 root links: 'a', 'b'"),
         (chain("fixed", ("a", "b"), ("b", "a")), "links in a circle: 'a', 'b'"),
         (chain("fixed", ("a", "a")), "links in a circle: 'a'"),
+        (
+            chain("fixed", ("a", "d"), ("b", "a"), ("c", "b"), ("b", "c")),
+            "links in a circle: 'b', 'c'",
+        ),
         (chain("fixed", ("a", "b"), ("c", "b")), "'b' is the child of 'a' and of 'c'"),
         (
             chain("fixed", ("a", "b")).replace('child link="b"', 'child link="z"'),

@@ -68,10 +68,11 @@ class MujocoModel(OpenedModel, LendsSteps):
 
     def facts(self) -> Facts:
         """Properties of the model and of its pair, SI, as `measure` prints them: the pair, its mass
-        and normal, MuJoCo's settings, the e that these ask for, notes, and what has changed since
-        `tune` wrote them.
+        and its normal, from the body that moves, MuJoCo's settings, the e that these ask for, by
+        whom, notes, and what has changed since `tune` wrote them.
 
-        Warnings, other contacts and shares are those of the launches until now.
+        Warnings, notes on other contacts, and shares of the energy that went elsewhere are those of
+        the launches until now.
         """
         model = self.model
         place = self.place

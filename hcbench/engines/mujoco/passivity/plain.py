@@ -454,8 +454,9 @@ def rest_on_slope(contact: Contact, options: Stepping, degrees: float = 10.0) ->
 
 
 def _rest(model: Any, seconds: float) -> Rest:
-    """Let the first body of a model rest, from its start at qpos0, and measure the last half of
-    `seconds`: penetration, by how far it sinks below the start, m, and drift along x and y, m/s.
+    """Let the first body of a model rest, from its start at qpos0, and measure the last quarter of
+    `seconds`: penetration, by how far it sinks below the start, m, and drift along x and y, m/s. The
+    quarter before it tells how vibration decays.
     """
     mujoco = backend()
     data = mujoco.MjData(model)

@@ -104,14 +104,18 @@ def record(
 ) -> tuple[Floats, Floats] | None:
     """Step b balls from their states, and read each step.
 
-    states: (b, nstate). most: of steps to take; fewer where the workspace has no room for more.
-    workspace: of a batch; its buffer is overwritten.
-    warm: accelerations from which MuJoCo's solver starts, (nv,); None: from those without contact.
+    states: (b, nstate). most: of steps to take; fewer, but one at least, where the workspace has no
+    room for more.
+    workspace: of models that hold several balls each; its buffer, of one packed state at least, is
+    overwritten.
+    warm: accelerations from which MuJoCo's solver starts, (nv,) of such a model; None: from those
+    without contact.
     oblique: read the motion along the plate, too.
 
     Returns what n steps show, (3 or 11, b, n): penetration (m), rate (m/s) and force (N), then the
     eight rows of `Record.tangential`, NaN from where MuJoCo gave up; and the states after them, (b,
-    nstate). Returns None where MuJoCo gave up on a whole batch, because of one ball in it.
+    nstate), of no use where it gave up. Returns None where MuJoCo gave up on a whole batch, because
+    of one ball in it.
     """
     batch = workspace.batch
     packed = workspace.batch.pack(states)

@@ -81,7 +81,8 @@ class Seen(NamedTuple):
 class WorldDropBench(DropBench):
     """A robot over the fixed bodies of its world; every drop is in a forked copy of it.
 
-    feet: its links that the pairs name, or ANY_LINK. mass: kg. seen: links that the floor pushed so
+    number: its body in the client. feet: its links that the pairs name, or ANY_LINK. robot: what a
+    test reports of it and of what holds its joints. mass: kg. seen: links that the floor pushed so
     far, -1 for the base. points: at which it pushed at once, at most.
 
     Raises UserError for pairs that are not of a robot, a world without floor or gravity, and for a

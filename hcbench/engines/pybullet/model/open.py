@@ -147,7 +147,9 @@ def _check_circle(path: Path, names: list[str], parent_of: dict[str, str]) -> No
         way: dict[str, None] = {}
         while name in parent_of and name not in reach_root:
             if name in way:
-                got = f"links in a circle: {_listed(list(way))}"
+                # Links before this one only lead into the circle.
+                links = list(way)
+                got = f"links in a circle: {_listed(links[links.index(name) :])}"
                 raise SceneError(f"{path}: robot", got, "a tree of links")
             way[name] = None
             name = parent_of[name]  # noqa: PLW2901 - up the tree

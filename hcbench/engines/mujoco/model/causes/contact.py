@@ -96,12 +96,11 @@ def refsafe(context: Context) -> Iterator[Suspect]:
     if constant <= 0 or context.model.opt.disableflags & backend().mjtDisableBit.mjDSBL_REFSAFE:
         return
     evidence = f"{2 * context.timestep:g} s is used"
-    least = 2 * context.timestep
+    is_long = constant >= 2 * context.timestep
     if context.integrator == "discrete":
         evidence = "no bounce is left"
-        least = context.timestep
-        constant = constant * ratio
-    if constant >= least:
+        is_long = constant * ratio >= context.timestep
+    if is_long:
         return
     # The undamped spring has 40 steps in half a period, π times the time constant times the
     # damping ratio; and never less than ten steps in a time constant.
