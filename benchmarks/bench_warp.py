@@ -138,8 +138,12 @@ def landing(pairs: Mapping[tuple[str, str], Any], count: int) -> str:
     )
     if worlds.d.overflow.numpy().any():
         sys.exit(f"{text}\nA world has more contacts than there is room for.")
-    if not (speed < 0.05 and gained < 1e-4 and above < 1e-4):
-        sys.exit(f"{text}\nThey must rest below 0.05, and add less than 0.0001.")
+    # Velocities are those of a step's start, and impacts are passive half a step of weight later:
+    # an impulse of 1 N s may add g h/2 times itself, 10 mJ at 2 ms.
+    if not (speed < 0.05 and gained < 1e-3 and above < 1e-4):
+        sys.exit(
+            f"{text}\nThey must rest below 0.05, add less than 0.001, and stay below the start."
+        )
     return text
 
 
