@@ -23,6 +23,7 @@ from hcbench.cli.console import (
     progress,
     show,
     status,
+    typed_again,
 )
 from hcbench.cli.help import command
 from hcbench.system.errors import EngineFailed, PairUnnamed, UserError
@@ -30,7 +31,6 @@ from hcbench.system.text import joined_names, sanitized, split_names
 from hcbench.terms.options import LAUNCHES, OPTIONS, renamed
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
 
     from hcbench.checking.spec import CheckSpec
     from hcbench.measuring.measure import Job
@@ -188,26 +188,14 @@ def _next_line(
     if missed and python is None and isinstance(engine, TunesModels):
         target = target or f"--alpha '{_EXAMPLE_ALPHA}'"
         taken = {parameter.name for parameter in tune.params}
-        launches = _typed_again(options, [name for name in LAUNCHES if name in taken])
+        launches = typed_again(options, [name for name in LAUNCHES if name in taken])
         line = f"hcbench tune {source} --pair {pair}{launches} {target}"
         if engine.writes_models:
             line += f" --write-model tuned{Path(models[0]).suffix}"
         return line
-    launches = _typed_again(options, [*LAUNCHES, "engine", "limit"])
+    launches = typed_again(options, [*LAUNCHES, "engine", "limit"])
     target = target or "--write-baseline bounce.json"
     return f"hcbench check {source} --pair {pair}{launches} {target}"
-
-
-def _typed_again(options: Any, names: Sequence[str]) -> str:
-    """The options of these names that were given, each with a space before it."""
-    words = ""
-    for name in names:
-        option = OPTIONS[name]
-        if options[name] is False:
-            words += f" --no-{option.flag}"
-        elif options[name] != option.default:
-            words += f" --{option.flag} {quote(str(options[name]))}"
-    return words
 
 
 def _measure_trajectory(job: Job, trajectory: Path, limit: float | None, as_json: bool) -> None:

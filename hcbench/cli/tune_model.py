@@ -9,7 +9,7 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from hcbench.cli.console import print_json, show, show_code, status
+from hcbench.cli.console import print_json, show, show_code, status, typed_again
 from hcbench.measuring.request import is_python
 from hcbench.sim.passivity import MOST_E
 from hcbench.system.errors import LimitPassed
@@ -51,16 +51,17 @@ def tune_model(
         print_landing(tuned, landing)
         _show_files(tuned, files)
         if tuned.gains:
-            show(f"\nnext:\n  hcbench land {_tested(tuned, written, models)}")
+            launches = typed_again(given, _kept_by_land(tuned))
+            model = _tested(tuned, written, models)
+            show(f"\n{_next_title(tuned, written, models)}\n  hcbench land {model}{launches}")
     else:
         for name, line in of_material.items():
             show(f"{name}: {line}")
         _print(tuned, limit)
         _show_files(tuned, files)
         if tuned.gains:
-            show(
-                f"\nnext:\n  {_next_line(tuned, limit, _tested(tuned, written, models), value, given)}"
-            )
+            line = _next_line(tuned, limit, _tested(tuned, written, models), value, given)
+            show(f"\n{_next_title(tuned, written, models)}\n  {line}")
     if landing is not None and (landing.worse or landing.rebound is not None):
         if tuned.gains:
             return
@@ -127,13 +128,14 @@ def _next_line(
     words = [
         model,
         f"--pair {quote(given['pair'][0] if given['pair'] else joined_names(pair.facts.pair))}",
+        typed_again(given, (*_not_written(tuned), *_POSE, "coming_from", "actuators")).strip(),
         *asked,
         f'--speeds "{low:.3g}:{high:.3g}:5 m/s"',
     ]
     # A limit that is the setting's own error would be a gate that cannot fail.
     if tuned.max_error > limit:
-        return " ".join(["hcbench measure", *words])
-    return " ".join(["hcbench check", *words, f"--max-error {limit:g}"])
+        return " ".join(filter(None, ["hcbench measure", *words]))
+    return " ".join(filter(None, ["hcbench check", *words, f"--max-error {limit:g}"]))
 
 
 def _tested(tuned: TunedModel, written: Path | None, models: tuple[str, ...]) -> str:
@@ -145,6 +147,35 @@ def _tested(tuned: TunedModel, written: Path | None, models: tuple[str, ...]) ->
     if written is None and tuned.text and not tuned.written and not is_python(models[0]):
         return "--python FILE.py:FUNCTION"
     return _model(written, models)
+
+
+def _next_title(tuned: TunedModel, written: Path | None, models: tuple[str, ...]) -> str:
+    """The line over the command to type next: it says where the lines go that were not written.
+
+    written: the file with the tuned model. models: the user's own.
+    """
+    if written is not None or not tuned.text:
+        return "next:"
+    if not tuned.written and not is_python(models[0]):
+        return "next, with these lines in FILE.py, whose FUNCTION returns the world's client:"
+    file = models[0].partition(":")[0] if is_python(models[0]) else models[0]
+    return f"next, with these lines in {sanitized(file)}:"
+
+
+# Options of the pose, which no model keeps.
+_POSE = ("key", "qpos", "state")
+
+
+def _not_written(tuned: TunedModel) -> tuple[str, ...]:
+    """Names of the options that the lines leave out: step and gravity, unless they are lines of a
+    model or nothing was changed.
+    """
+    return () if tuned.written else ("timestep", "gravity")
+
+
+def _kept_by_land(tuned: TunedModel) -> tuple[str, ...]:
+    """Names of the options with which `land` drops the robot as `tune` did."""
+    return (*_POSE, *_not_written(tuned))
 
 
 def _model(written: Path | None, models: tuple[str, ...]) -> str:

@@ -22,6 +22,7 @@ from hcbench.sim import registry
 from hcbench.sim.capabilities import TunesModels
 from hcbench.sim.model_under_test import (
     BESIDE,
+    Facts,
     ModelSetting,
     ModelUnderTest,
     Output,
@@ -31,7 +32,7 @@ from hcbench.sim.model_under_test import (
 from hcbench.sim.promise import Promise
 from hcbench.sim.rest import WORSE, Standing
 from hcbench.sim.simulate import impacts_in
-from hcbench.system.errors import EngineFailed, UserError
+from hcbench.system.errors import UserError
 from hcbench.system.text import as_bound
 from hcbench.terms.arguments import checked
 from hcbench.terms.bounds import require
@@ -171,6 +172,11 @@ class _Try:
     pairs: tuple[TunedPair, ...] | None = None
     landing: LandingChange | None = None
 
+    @property
+    def failure(self) -> str:
+        """Sentence on a launch that has no e; "" where each of the judged pairs has one."""
+        return next((pair.failure for pair in self.pairs or () if pair.failure), "")
+
 
 def _require_known_version(engine: Engine, output: Output) -> None:
     """Refuse to write for another engine than the model's, or for a version that hcbench was never
@@ -194,8 +200,7 @@ def _tuned(job: Job) -> TunedModel:
 
     A setting will do if e is within the job's `max_error` for all pairs, and all that stands still
     stands as still as before. One that throws up what slides comes after all others. Raises
-    UserError for an engine that tunes no models, EngineFailed where launches with the best setting
-    have no e.
+    UserError for an engine that tunes no models, and where every setting has a launch without an e.
     """
     assert isinstance(job, _TuneJob)
     requests = (job.request, *job.others)
@@ -318,11 +323,13 @@ def _best(
 
     requests: one a pair. attitudes: of each pair as it can lie, with the attitude's name.
     landed: the robot as it is; None for a model without a robot. limit: error of e that is allowed;
-    enough: of the model as it is. order: the best first. Raises EngineFailed where no launch has an
-    e.
+    enough: of the model as it is. order: the best first. Raises UserError where each has a launch
+    without an e.
     """
     # In order: what lands worse, then the first that lands no worse but is not near enough.
     others: list[_Try] = []
+    # Why those that were launched do not bounce.
+    silent: list[str] = []
     for without_landing in order:
         tried = _dropped(engine, requests, without_landing, landed)
         # A landing costs less than launches that no search saw: these only where it is good.
@@ -334,8 +341,9 @@ def _best(
             # More launches, which cost as much as a search, find no smaller error.
             others.append(tried)
             break
-        judged = _bouncing(tried, attitudes, wanted)
-        if judged is None:
+        judged = _judged_try(tried, attitudes, wanted)
+        if judged.failure:
+            silent.append(judged.failure)
             continue
         assert judged.pairs is not None
         if largest_error(judged.pairs) <= (enough if is_own else limit):
@@ -343,13 +351,13 @@ def _best(
         others.append(judged)
         break
     for tried in others:
-        judged = _bouncing(tried, attitudes, wanted)
-        if judged is not None:
+        judged = _judged_try(tried, attitudes, wanted)
+        if not judged.failure:
             return judged
-    got = f"launches with the setting {order[0].setting.name!r} gave no restitution"
-    raise EngineFailed(
-        "model", got, "a bounce from each", "Try other --speeds, or a smaller --timestep"
-    )
+        silent.append(judged.failure)
+    got = f"with the setting {order[0].setting.name!r} {silent[0]}"
+    advice = "Try other --speeds, or a smaller --timestep"
+    raise UserError("pair", got, "a pair that bounces at all speeds of its band", advice)
 
 
 def _dropped(
@@ -368,16 +376,13 @@ def _dropped(
     return dataclasses.replace(tried, landing=LandingChange(landed, after))
 
 
-def _bouncing(
+def _judged_try(
     tried: _Try, attitudes: Sequence[tuple[str, Request]], wanted: RestitutionCurve
-) -> _Try | None:
-    """The try with its pairs judged; None where a launch has no e.
-
-    attitudes: of each pair as it can lie, with the attitude's name.
+) -> _Try:
+    """The try with its pairs judged. attitudes: of each pair as it can lie, with the attitude's
+    name.
     """
     pairs = tried.pairs or _measured(tried.setting.open, attitudes, wanted, held_out=True)
-    if not all(math.isfinite(pair.max_error) for pair in pairs):
-        return None
     return dataclasses.replace(tried, pairs=pairs)
 
 
@@ -565,7 +570,17 @@ def _measured_pair(
             launches=len(every) + len(judged),
             beyond=_error(judged, wanted),
             highest=max((impact.restitution for impact in judged), default=0.0),
+            failure=_failure(model.facts(), [*every, *judged]),
         )
+
+
+def _failure(facts: Facts, impacts: Sequence[Impact]) -> str:
+    """Clause on the first impact without an e; "" where each has one. facts: of the pair."""
+    failed = next((impact for impact in impacts if not impact.is_measured), None)
+    if failed is None:
+        return ""
+    pair = " on ".join(facts.pair)
+    return f"{pair} launched at {failed.launch.speed:.3g} m/s has no e: {failed.reason}"
 
 
 def _judged(

@@ -37,6 +37,7 @@ class TunedPair:
     launches: how many there were: those of the curve, then others at speeds and phases that fill
     band and step evenly, and about the worst of all.
     beyond, highest: the largest error of e, and the largest e, in those others.
+    failure: clause on a launch that has no e; "" where each has one.
     """
 
     facts: Facts
@@ -46,6 +47,7 @@ class TunedPair:
     launches: int = 0
     beyond: float = 0.0
     highest: float = 0.0
+    failure: str = ""
 
     @property
     def max_error(self) -> float:

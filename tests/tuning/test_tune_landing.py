@@ -24,7 +24,7 @@ from hcbench.measuring.request import make_request
 from hcbench.sim.landing import DROPS, HEIGHTS, PHASES, QUANTITIES, DropTest, Reach, drop_test
 from hcbench.sim.model_under_test import ModelSetting, Output
 from hcbench.sim.rest import UNKNOWN
-from hcbench.system.errors import EngineFailed, UserError
+from hcbench.system.errors import UserError
 from hcbench.tuning.model import _best, _Try
 from hcbench.tuning.tuned_model import LandingChange
 
@@ -283,7 +283,7 @@ class Lands:
 
 def a_try(name: str, source: Any, error: float, *, bounces: bool = True) -> Any:
     (pair,) = ball().pairs
-    pairs = (pair if bounces else dataclasses.replace(pair, beyond=math.inf),)
+    pairs = (pair if bounces else dataclasses.replace(pair, failure="has no e: turned back"),)
     setting = ModelSetting(name, (), Any, Any, source=source)  # type: ignore[arg-type]
     return _Try(setting, UNKNOWN, error, 0, throws_up=False, pairs=pairs)
 
@@ -298,7 +298,7 @@ def chosen(*tries: Any, landed: bool = False, limit: float = 1.0) -> Any:
 def test_a_setting_without_a_bounce_is_passed_over() -> None:
     silent, bounces = a_try("silent", None, 0.1, bounces=False), a_try("bounces", None, 0.2)
     assert chosen(silent, bounces).setting.name == "bounces"
-    with pytest.raises(EngineFailed, match="'silent' gave no restitution"):
+    with pytest.raises(UserError, match="the setting 'silent' has no e: turned back"):
         chosen(silent)
 
 
