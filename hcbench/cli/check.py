@@ -5,6 +5,7 @@ wrong.
 from __future__ import annotations
 
 import dataclasses
+import math
 import sys
 from pathlib import Path
 from shlex import quote
@@ -31,7 +32,6 @@ from hcbench.system.text import joined_names, sanitized, split_names
 from hcbench.terms.options import LAUNCHES, OPTIONS, renamed
 
 if TYPE_CHECKING:
-
     from hcbench.checking.spec import CheckSpec
     from hcbench.measuring.measure import Job
     from hcbench.measuring.measurement import Measurement
@@ -233,7 +233,9 @@ def _list_pairs(
         return
     show(as_table(parts).rstrip())
     if parts:
-        line = f"hcbench measure {_typed(models, python)} --pair {quote(parts[0].pair)}"
+        # Parts of one body never approach each other.
+        launched = next((each for each in parts if math.isfinite(each.effective_mass)), parts[0])
+        line = f"hcbench measure {_typed(models, python)} --pair {quote(launched.pair)}"
         show(f"\nnext:\n  {line}")
 
 

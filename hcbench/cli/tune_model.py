@@ -16,6 +16,7 @@ from hcbench.system.errors import LimitPassed
 from hcbench.system.text import as_bound, joined_names, sanitized, time_step
 
 if TYPE_CHECKING:
+    from hcbench.measuring.curve import CurvePoint
     from hcbench.sim.landing import DropTest
     from hcbench.tuning.tuned_model import LandingChange, TunedModel, TunedPair
 
@@ -339,12 +340,7 @@ def _table(tuned: TunedModel) -> list[str]:
         for place in (0, -1):
             old = was.curve[place]
             new = now.curve[place]
-            row = (
-                f"{title} at {new.speed_in:.2g} m/s",
-                f"{old.lowest:.2f} ... {old.highest:.2f}",
-                f"{new.lowest:.2f} ... {new.highest:.2f}",
-            )
-            rows.append(row)
+            rows.append((f"{title} at {new.speed_in:.2g} m/s", _ends(old), _ends(new)))
     before = tuned.before.record
     after = tuned.after.record
     for quantity in QUANTITIES:
@@ -357,6 +353,13 @@ def _table(tuned: TunedModel) -> list[str]:
     first = max(len(name) for name, _, _ in rows)
     second = max(len(was) for _, was, _ in rows)
     return [f"{name:<{first}}  {was:>{second}}  {now}" for name, was, now in rows]
+
+
+def _ends(point: CurvePoint) -> str:
+    """The lowest and the highest e of a point; of one that never bounced "no e"."""
+    if math.isnan(point.lowest):
+        return "no e"
+    return f"{point.lowest:.2f} ... {point.highest:.2f}"
 
 
 # The landing of a robot before and after.

@@ -355,7 +355,7 @@ def _best(
         if not judged.failure:
             return judged
         silent.append(judged.failure)
-    got = f"with the setting {order[0].setting.name!r} {silent[0]}"
+    got = f"with the setting {order[0].setting.name!r}, {silent[0]}"
     advice = "Try other --speeds, or a smaller --timestep"
     raise UserError("pair", got, "a pair that bounces at all speeds of its band", advice)
 
@@ -563,14 +563,15 @@ def _measured_pair(
         judged: list[Impact] = []
         if halvings:
             judged = _judged(model, request, every, wanted)
+        facts = model.facts()
         return TunedPair(
-            model.facts(),
+            facts,
             curve,
             taken=taken,
             launches=len(every) + len(judged),
             beyond=_error(judged, wanted),
             highest=max((impact.restitution for impact in judged), default=0.0),
-            failure=_failure(model.facts(), [*every, *judged]),
+            failure=_failure(facts, [*every, *judged]),
         )
 
 

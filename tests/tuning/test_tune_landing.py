@@ -298,7 +298,7 @@ def chosen(*tries: Any, landed: bool = False, limit: float = 1.0) -> Any:
 def test_a_setting_without_a_bounce_is_passed_over() -> None:
     silent, bounces = a_try("silent", None, 0.1, bounces=False), a_try("bounces", None, 0.2)
     assert chosen(silent, bounces).setting.name == "bounces"
-    with pytest.raises(UserError, match="the setting 'silent' has no e: turned back"):
+    with pytest.raises(UserError, match="the setting 'silent', has no e: turned back"):
         chosen(silent)
 
 
