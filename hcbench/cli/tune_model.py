@@ -332,24 +332,23 @@ def _table(tuned: TunedModel) -> list[str]:
     from hcbench.sim.rest import QUANTITIES
 
     rows = [("", "before", "after")]
-    for was, now in zip(tuned.untuned, tuned.pairs, strict=True):
-        title = f"e of {now.facts.pair[0]}"
-        if now.attitude:
-            title += f" on {now.attitude}"
+    for untuned, pair in zip(tuned.untuned, tuned.pairs, strict=True):
+        title = f"e of {pair.facts.pair[0]}"
+        if pair.attitude:
+            title += f" on {pair.attitude}"
         # The ends of the band.
         for place in (0, -1):
-            old = was.curve[place]
-            new = now.curve[place]
+            old = untuned.curve[place]
+            new = pair.curve[place]
             rows.append((f"{title} at {new.speed_in:.2g} m/s", _ends(old), _ends(new)))
     before = tuned.before.record
     after = tuned.after.record
     for quantity in QUANTITIES:
-        # In the unit that is printed.
-        was_then = before[quantity.key] / quantity.si
-        is_now = after[quantity.key] / quantity.si
-        if math.isnan(was_then) and math.isnan(is_now):
+        was, now = before[quantity.key], after[quantity.key]
+        if math.isnan(was) and math.isnan(now):
             continue
-        rows.append((f"{quantity.title}, {quantity.unit}", f"{was_then:.3g}", f"{is_now:.3g}"))
+        title = f"{quantity.title}, {quantity.unit}"
+        rows.append((title, quantity.shown(was), quantity.shown(now)))
     first = max(len(name) for name, _, _ in rows)
     second = max(len(was) for _, was, _ in rows)
     return [f"{name:<{first}}  {was:>{second}}  {now}" for name, was, now in rows]
@@ -406,12 +405,11 @@ def landing_table(change: LandingChange) -> list[str]:
         ("rebound from 10 cm, mm", rebound, with_spread),
     ]
     for each in QUANTITIES:
-        old = getattr(was, each.name) / each.si
-        new = getattr(now, each.name) / each.si
+        old, new = getattr(was, each.name), getattr(now, each.name)
         if math.isnan(old) and math.isnan(new):
             continue
         title = ", ".join(filter(None, (each.title, each.unit)))
-        rows.append((title, _landed(was, _number(old)), _landed(now, _number(new))))
+        rows.append((title, _landed(was, each.shown(old)), _landed(now, each.shown(new))))
     first = max(len(title) for title, _, _ in rows)
     second = max(len(old) for _, old, _ in rows)
     return [f"{title:<{first}}  {old:>{second}}  {new}" for title, old, new in rows]
@@ -420,13 +418,6 @@ def landing_table(change: LandingChange) -> list[str]:
 def _landed(test: DropTest, value: str) -> str:
     """A value of a drop test as its table has it."""
     return "diverged" if test.diverged else value
-
-
-def _number(value: float) -> str:
-    """A quantity of landings that ended, in its printed unit; infinite is the time to a rest that
-    never came.
-    """
-    return "never" if math.isinf(value) else f"{value:.3g}"
 
 
 def landing_sentences(change: LandingChange) -> list[str]:

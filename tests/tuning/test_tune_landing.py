@@ -222,7 +222,7 @@ def test_a_landing_is_worse_in_what_grew_by_more_than_is_stated() -> None:
         beyond = dataclasses.replace(was, **{quantity.name: 1.001 * limit + 1e-9})
         assert len(list(beyond.worse_than(was))) == 1
     never = dataclasses.replace(was, rest=math.inf)
-    assert list(never.worse_than(was)) == [f"time to rest {was.rest:.3g} -> inf s"]
+    assert list(never.worse_than(was)) == [f"time to rest {was.rest:.3g} -> never"]
     assert not list(never.worse_than(never))
 
 

@@ -124,8 +124,9 @@ def test_tune_takes_two_files_and_names_none_that_it_did_not_write(
     printed = capsys.readouterr()
     assert "vibration at rest" in printed.out
     assert "strict" in printed.err
-    line = printed.out.partition("next:")[2]
+    line = printed.out.partition("next, with these lines in FILE.py, ")[2]
     assert "--python FILE.py:FUNCTION" in line
+    assert "--gravity 9.81" in line
     assert "tuned" not in line
     assert run(["measure", *files, "--speeds", "0.5 m/s"]) == 0
     assert "--write-model" not in capsys.readouterr().out.partition("next:")[2]

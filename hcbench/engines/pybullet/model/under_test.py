@@ -697,7 +697,7 @@ def model_settings(
         rests = f"Below {still:.2g} m/s nothing bounces, so that bodies come to rest."
         yield _restitution(places, e, still, build, (rests, *needed))
     if still > 0.0:
-        needed = ("Bodies with this restitution hop for ever in place of a rest.", *needed)
+        needed = (*needed, "Bodies with this restitution hop for ever in place of a rest.")
     yield _restitution(places, e, 0.0, build, needed)
 
 
