@@ -118,7 +118,8 @@ def _next_line(
     alpha: s/m; given: the other options, by their names.
     """
     pair = tuned.pairs[0]
-    low, high = pair.band
+    low, high = (f"{speed:.3g}" for speed in pair.band)
+    speeds = low if low == high else f"{low}:{high}:5"
     asked = []
     if given.get("restitution") is not None:
         asked = [f"--restitution {given['restitution']:g}"]
@@ -131,7 +132,7 @@ def _next_line(
         f"--pair {quote(given['pair'][0] if given['pair'] else joined_names(pair.facts.pair))}",
         typed_again(given, (*_not_written(tuned), *_POSE, "coming_from", "actuators")).strip(),
         *asked,
-        f'--speeds "{low:.3g}:{high:.3g}:5 m/s"',
+        f'--speeds "{speeds} m/s"',
     ]
     # A limit that is the setting's own error would be a gate that cannot fail.
     if tuned.max_error > limit:

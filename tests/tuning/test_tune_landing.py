@@ -108,6 +108,16 @@ def test_the_step_of_a_rebound_is_written_with_the_feet(asked: str | None) -> No
     assert ("timestep" in texts.paste) == (asked is not None)
 
 
+def test_the_gravity_of_a_rebound_is_written_with_the_feet() -> None:
+    requests = [make_request(pair, gravity=1.62) for pair in FEET]
+    made = write_contact(QUADRUPED, requests, FootContact(100.0, 0.5))
+    texts = texts_of(QUADRUPED, made, (), Output())
+    whole = mujoco.MjModel.from_xml_string(texts.written)
+    assert whole.opt.gravity.tolist() == [0.0, 0.0, -1.62]
+    assert '<option gravity="0 0 -1.62"/>' in texts.paste
+    assert "gravity is now 1.62 m/s^2" in made.kept
+
+
 def test_a_mean_of_phases_that_rebound_and_phases_that_do_not_is_no_rebound(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
