@@ -36,7 +36,7 @@ from hcbench.system.errors import UserError
 from hcbench.system.text import as_bound
 from hcbench.terms.arguments import checked
 from hcbench.terms.bounds import require
-from hcbench.terms.impact import Floats, Impact, Launch
+from hcbench.terms.impact import Floats, Impact, Launch, Status
 from hcbench.tuning.answer import MAX_ERROR
 from hcbench.tuning.landing import landing_as_it_is, tune_landing
 from hcbench.tuning.tuned_model import (
@@ -85,6 +85,7 @@ _SEED = 1609
 _ANGLES = (0.0, math.radians(45.0), math.radians(70.0))
 # A setting whose error of e reaches this is tried no further.
 _FAR = 0.2
+_BOUNCES = "a pair that bounces at all speeds of its band"
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,9 +227,12 @@ def _tuned(job: Job) -> TunedModel:
     attitudes: list[tuple[str, Request]] = []
     for request in requests:
         attitudes += engine.attitudes(source, request)
+    alike = [request for _, request in attitudes]
+    untuned = _measured(as_it_was, attitudes, wanted, held_out=False)
+    if len(requests) == 1:
+        _require_touches(untuned)
     before = engine.standing(source, None, requests)
     tries: list[_Try] = []
-    alike = [request for _, request in attitudes]
     for setting in engine.model_settings(
         source, alike, wanted, before, rebuild, job.output.version
     ):
@@ -257,7 +261,6 @@ def _tuned(job: Job) -> TunedModel:
         )
         if error <= job.max_error and not worse:
             break
-    untuned = _measured(as_it_was, attitudes, wanted, held_out=False)
     as_it_is = ModelSetting(AS_IT_IS, (), as_it_was, lambda *_: Texts(""))
     stays = _Try(as_it_is, standing=before, error=largest_error(untuned), worse=0, throws_up=False)
     order = _in_order(tries, stays, alike, wanted, job.max_error)
@@ -356,8 +359,7 @@ def _best(
             return judged
         silent.append(judged.failure)
     got = f"with the setting {order[0].setting.name!r}, {silent[0]}"
-    advice = "Try other --speeds, or a smaller --timestep"
-    raise UserError("pair", got, "a pair that bounces at all speeds of its band", advice)
+    raise UserError("pair", got, _BOUNCES, "Try other --speeds, or a smaller --timestep")
 
 
 def _dropped(
@@ -374,6 +376,18 @@ def _dropped(
     if tried.setting.source is not None:
         after = engine.landing(tried.setting.source, requests, landed)
     return dataclasses.replace(tried, landing=LandingChange(landed, after))
+
+
+def _require_touches(untuned: Sequence[TunedPair]) -> None:
+    """Refuse a pair with a launch that never touches, by UserError: no contact of the two can give it
+    an e, and the search would take minutes to find none.
+
+    untuned: the one pair of the model as it is, in each attitude.
+    """
+    for pair in untuned:
+        if not pair.touches:
+            advice = "Try other --speeds, another --key or --qpos, or --no-actuators"
+            raise UserError("pair", pair.failure, _BOUNCES, advice)
 
 
 def _judged_try(
@@ -572,6 +586,7 @@ def _measured_pair(
             beyond=_error(judged, wanted),
             highest=max((impact.restitution for impact in judged), default=0.0),
             failure=_failure(facts, [*every, *judged]),
+            touches=all(impact.status is not Status.NO_TOUCH for impact in every),
         )
 
 

@@ -25,7 +25,7 @@ from hcbench.sim.landing import DROPS, HEIGHTS, PHASES, QUANTITIES, DropTest, Re
 from hcbench.sim.model_under_test import ModelSetting, Output
 from hcbench.sim.rest import UNKNOWN
 from hcbench.system.errors import UserError
-from hcbench.tuning.model import _best, _Try
+from hcbench.tuning.model import _best, _require_touches, _Try
 from hcbench.tuning.tuned_model import LandingChange
 
 mujoco = pytest.importorskip("mujoco")
@@ -310,6 +310,15 @@ def test_a_setting_without_a_bounce_is_passed_over() -> None:
     assert chosen(silent, bounces).setting.name == "bounces"
     with pytest.raises(UserError, match="the setting 'silent', has no e: turned back"):
         chosen(silent)
+
+
+def test_a_launch_that_never_touches_is_refused_before_any_search() -> None:
+    """Servos that hold a leg back cost minutes of search for a contact, then exit code 3."""
+    (pair,) = ball().pairs
+    _require_touches([pair])
+    held = dataclasses.replace(pair, touches=False, failure="launched at 0.1 m/s has no e")
+    with pytest.raises(UserError, match=r"at 0\.1 m/s has no e.*--no-actuators"):
+        _require_touches([held])
 
 
 def test_a_setting_with_which_the_robot_lands_worse_gives_way_to_one_that_gains() -> None:
