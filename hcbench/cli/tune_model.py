@@ -318,9 +318,23 @@ def _print(tuned: TunedModel, limit: float) -> None:
     elif tuned.landing is not None and tuned.landing.worse:
         show("\nthe nearest setting, which is not written:\n")
         show_code(tuned.text)
-    if tuned.notes:
+    _print_notes(tuned, limit)
+
+
+def _print_notes(tuned: TunedModel, limit: float) -> None:
+    """Print the setting's notes, and that a gate needs the limit of the error where its own is less.
+
+    limit: largest error of e that passes.
+    """
+    from hcbench.checking.spec import MAX_ERROR
+
+    notes = list(tuned.notes)
+    if tuned.gains and tuned.text and MAX_ERROR < tuned.max_error <= limit:
+        gate = f"`hcbench check` and the fixture allow an error of {MAX_ERROR:g}"
+        notes.append(f"{gate} by default: this setting needs {limit:g}.")
+    if notes:
         show("\nNotes:")
-    for note in tuned.notes:
+    for note in notes:
         show(f"- {note}")
 
 

@@ -114,6 +114,7 @@ def test_without_gravity_nothing_is_carried(files: list[str]) -> None:
     with open_world(files, make_request(None), None) as model:
         assert model.carried().loads == ()
         assert math.isnan(model.standing().penetration)
+        assert model.facts().notes[0].startswith("These files set no gravity, so none acts: ")
 
 
 def test_tune_takes_two_files_and_names_none_that_it_did_not_write(
