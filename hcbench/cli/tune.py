@@ -51,6 +51,10 @@ if TYPE_CHECKING:
 _FLAGS: dict[Kind, str] = {"exact": "--plugin", "settings": "--settings", "constant": "--constant"}
 
 
+# A function of the user's script that sets up a world, as a shell takes it.
+_SCRIPT = "--python FILE.py:FUNCTION"
+
+
 def tune_engine(
     engine: str,
     *,
@@ -111,7 +115,10 @@ def tune_engine(
         if model:
             names = answer.pair if write_scene is None else PAIR
             line = _next_line(answer, model, joined_names(names), asked["material"])
-            show(f"\nnext:\n  {line}")
+            title = "next:"
+            if model == _SCRIPT:
+                title = f"next, with a FUNCTION that returns World(client, {', '.join(names)}):"
+            show(f"\n{title}\n  {line}")
     _require(answer, MAX_ERROR if max_error is None else max_error, gate)
 
 
@@ -128,7 +135,7 @@ def _user_model(engine: str) -> str:
     if not isinstance(adapter, TunesModels):
         # Without its name another engine opens the file.
         return f"my.xml --engine {quote(engine)}"
-    return "my.xml" if adapter.writes_models else "--python FILE.py:FUNCTION"
+    return "my.xml" if adapter.writes_models else _SCRIPT
 
 
 def _next_line(answer: Answer, model: str, pair: str, material: str | None) -> str:

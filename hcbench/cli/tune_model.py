@@ -159,7 +159,7 @@ def _next_title(tuned: TunedModel, written: Path | None, models: tuple[str, ...]
     if written is not None or not tuned.text:
         return "next:"
     if not tuned.written and not is_python(models[0]):
-        return "next, with these lines in FILE.py, whose FUNCTION returns the world's client:"
+        return "next, with these lines in FILE.py, whose FUNCTION returns World(client, first, second):"
     file = models[0].partition(":")[0] if is_python(models[0]) else models[0]
     return f"next, with these lines in {sanitized(file)}:"
 
