@@ -442,7 +442,9 @@ def landing_sentences(change: LandingChange) -> list[str]:
     before = change.before
     sentences = [f"The worst of 24 drops: {_DROPS}."]
     if before.falls:
-        sentences = ["The robot falls over by itself: hcbench compares the first second only."]
+        sentences = [
+            "By itself the robot falls over, or down a slope: hcbench compares the first second only."
+        ]
     elif 0 < before.settled < len(DROPS):
         sentences.append(
             f"Rest, penetration at rest, travel, creep, vibration and late flights are those of "
