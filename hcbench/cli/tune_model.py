@@ -443,7 +443,7 @@ def landing_sentences(change: LandingChange) -> list[str]:
     sentences = [f"The worst of 24 drops: {_DROPS}."]
     if before.falls:
         sentences = [
-            "By itself the robot falls over, or down a slope: hcbench compares the first second only."
+            "The robot falls over or rolls down by itself: hcbench compares the first second only."
         ]
     elif 0 < before.settled < len(DROPS):
         sentences.append(
