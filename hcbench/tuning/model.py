@@ -228,15 +228,14 @@ def _tuned(job: Job) -> TunedModel:
     for request in requests:
         attitudes += engine.attitudes(source, request)
     alike = [request for _, request in attitudes]
-    untuned = _measured(as_it_was, attitudes, wanted, held_out=False)
-    if len(requests) == 1:
-        _require_touches(untuned)
     before = engine.standing(source, None, requests)
     tries: list[_Try] = []
     for setting in engine.model_settings(
         source, alike, wanted, before, rebuild, job.output.version
     ):
         error = _tried(setting, alike, wanted, job.max_error)
+        if not tries and math.isinf(error) and len(requests) == 1:
+            _require_touches(setting, as_it_was, attitudes, wanted)
         if setting.slides and all(error < tried.error for tried in tries):
             lift = _lift(setting.open, alike)
             # A change that the model as it is has, too, does not count.
@@ -261,6 +260,7 @@ def _tuned(job: Job) -> TunedModel:
         )
         if error <= job.max_error and not worse:
             break
+    untuned = _measured(as_it_was, attitudes, wanted, held_out=False)
     as_it_is = ModelSetting(AS_IT_IS, (), as_it_was, lambda *_: Texts(""))
     stays = _Try(as_it_is, standing=before, error=largest_error(untuned), worse=0, throws_up=False)
     order = _in_order(tries, stays, alike, wanted, job.max_error)
@@ -378,13 +378,20 @@ def _dropped(
     return dataclasses.replace(tried, landing=LandingChange(landed, after))
 
 
-def _require_touches(untuned: Sequence[TunedPair]) -> None:
-    """Refuse a pair with a launch that never touches, by UserError: no contact of the two can give it
-    an e, and the search would take minutes to find none.
+def _require_touches(
+    setting: ModelSetting,
+    as_it_was: Callable[[Request], ModelUnderTest],
+    attitudes: Sequence[tuple[str, Request]],
+    wanted: RestitutionCurve,
+) -> None:
+    """Refuse a pair with a launch that touches neither in the model as it is nor with a setting, by
+    UserError: servos hold it back, and the search would take minutes to find no e.
 
-    untuned: the one pair of the model as it is, in each attitude.
+    as_it_was: opens the model as it is. attitudes: of the pair as it can lie, with their names.
     """
-    for pair in untuned:
+    if all(pair.touches for pair in _measured(setting.open, attitudes, wanted, held_out=False)):
+        return
+    for pair in _measured(as_it_was, attitudes, wanted, held_out=False):
         if not pair.touches:
             advice = "Try other --speeds, another --key or --qpos, or --no-actuators"
             raise UserError("pair", pair.failure, _BOUNCES, advice)
