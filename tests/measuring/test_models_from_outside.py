@@ -121,6 +121,11 @@ def test_the_tuned_model_bounces_as_tune_says(file: str, pair: str, tmp_path: Pa
         wanted,
         output=Output(tmp_path),
     )
+    if not found.written:
+        # The model as it is is nearest, or the robot lands worse with every setting.
+        assert not found.gains
+        assert found.no_gain
+        return
     (tmp_path / "tuned.xml").write_text(found.written)
     again = measure(tmp_path / "tuned.xml", pair, speeds=[0.35, 0.8, 1.3], phases=5, diagnose=False)
     print(f"{file} {found.name}: e = 0.5 within {found.max_error:.3f}")
