@@ -16,7 +16,7 @@ from hcbench.catalogue.find import is_material_file
 from hcbench.checking.outcome import Outcome, Report, Verdict
 from hcbench.checking.spec import Check, CheckSpec, SharedSpec, plan
 from hcbench.measuring.curve import CurvePoint
-from hcbench.measuring.text import as_record, cause_lines
+from hcbench.measuring.text import all_cause_lines, as_record
 from hcbench.sim.packages import named_folders
 from hcbench.system.errors import UserError
 from hcbench.system.text import LONGEST_NOTE, number, sanitized, table, without_empty
@@ -74,8 +74,7 @@ def outcome_text(outcome: Outcome) -> str:
         lines += ["", *table(*_table(outcome)), ""]
     lines.append(outcome.line)
     if outcome.verdict is Verdict.FAILED and outcome.measurement is not None:
-        lines += cause_lines(outcome.measurement.causes, outcome.measurement.remedy)
-        lines += cause_lines(outcome.measurement.rest_causes, "")
+        lines += all_cause_lines(outcome.measurement)
     return "\n".join(lines)
 
 

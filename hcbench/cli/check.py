@@ -5,6 +5,7 @@ wrong.
 from __future__ import annotations
 
 import dataclasses
+import math
 import sys
 from pathlib import Path
 from shlex import quote
@@ -23,6 +24,7 @@ from hcbench.cli.console import (
     progress,
     show,
     status,
+    typed_again,
 )
 from hcbench.cli.help import command
 from hcbench.system.errors import EngineFailed, PairUnnamed, UserError
@@ -30,8 +32,6 @@ from hcbench.system.text import joined_names, sanitized, split_names
 from hcbench.terms.options import LAUNCHES, OPTIONS, renamed
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from hcbench.checking.spec import CheckSpec
     from hcbench.measuring.measure import Job
     from hcbench.measuring.measurement import Measurement
@@ -193,26 +193,14 @@ def _next_line(
     if missed and python is None and isinstance(engine, TunesModels):
         target = target or f"--alpha '{_EXAMPLE_ALPHA}'"
         taken = {parameter.name for parameter in tune.params}
-        launches = _typed_again(options, [name for name in LAUNCHES if name in taken])
+        launches = typed_again(options, [name for name in LAUNCHES if name in taken])
         line = f"hcbench tune {source} --pair {pair}{launches} {target}"
         if engine.writes_models:
             line += f" --write-model tuned{Path(models[0]).suffix}"
         return line
-    launches = _typed_again(options, [*LAUNCHES, "engine", "limit"])
+    launches = typed_again(options, [*LAUNCHES, "engine", "limit"])
     target = target or "--write-baseline bounce.json"
     return f"hcbench check {source} --pair {pair}{launches} {target}"
-
-
-def _typed_again(options: Any, names: Sequence[str]) -> str:
-    """The options of these names that were given, each with a space before it."""
-    words = ""
-    for name in names:
-        option = OPTIONS[name]
-        if options[name] is False:
-            words += f" --no-{option.flag}"
-        elif options[name] != option.default:
-            words += f" --{option.flag} {quote(str(options[name]))}"
-    return words
 
 
 def _measure_trajectory(job: Job, trajectory: Path, limit: float | None, as_json: bool) -> None:
@@ -250,7 +238,9 @@ def _list_pairs(
         return
     show(as_table(parts).rstrip())
     if parts:
-        line = f"hcbench measure {_typed(models, python)} --pair {quote(parts[0].pair)}"
+        # Parts of one body never approach each other.
+        launched = next((each for each in parts if math.isfinite(each.effective_mass)), parts[0])
+        line = f"hcbench measure {_typed(models, python)} --pair {quote(launched.pair)}"
         show(f"\nnext:\n  {line}")
 
 

@@ -11,9 +11,10 @@ import sys
 import textwrap
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from shlex import quote
 from typing import Any, get_args
 
 import click
@@ -153,6 +154,21 @@ def options(
         return command
 
     return decorate
+
+
+def typed_again(options: Mapping[str, Any], names: Sequence[str]) -> str:
+    """The options of these names that were given, as a command takes them, each with a space before
+    it. options: values by names of `hcbench.terms.options`; those that it lacks were not given.
+    """
+    words = ""
+    for name in names:
+        option = OPTIONS[name]
+        value = options.get(name, option.default)
+        if value is False:
+            words += f" --no-{option.flag}"
+        elif value != option.default:
+            words += f" --{option.flag} {quote(str(value))}"
+    return words
 
 
 def _choice(option: Option) -> click.Choice[str] | None:

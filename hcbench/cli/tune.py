@@ -51,6 +51,10 @@ if TYPE_CHECKING:
 _FLAGS: dict[Kind, str] = {"exact": "--plugin", "settings": "--settings", "constant": "--constant"}
 
 
+# A function of the user's script that sets up a world, as a shell takes it.
+_SCRIPT = "--python FILE.py:FUNCTION"
+
+
 def tune_engine(
     engine: str,
     *,
@@ -113,25 +117,40 @@ def tune_engine(
         print_json(_as_json(answer, margin, gate))
     else:
         _print(answer, margin, gate)
-        show(f"\nnext:\n  {_next_line(answer, write_scene, asked['material'])}")
+        model = _user_model(engine) if write_scene is None else quote(str(write_scene))
+        if model:
+            names = answer.pair if write_scene is None else PAIR
+            line = _next_line(answer, model, joined_names(names), asked["material"])
+            title = "next:"
+            if model == _SCRIPT:
+                title = f"next, with a FUNCTION that returns World(client, {', '.join(names)}):"
+            show(f"\n{title}\n  {line}")
     _require(answer, limit, gate)
 
 
-def _next_line(answer: Answer, script: Path | None, material: str | None) -> str:
-    """The command to type next, which measures how the setting does: on the script that was
-    written, or on the user's own model.
-
-    script: where the scene was written; None where it was not. material: as it was typed.
+def _user_model(engine: str) -> str:
+    """Model of the user's, as a shell takes it, into which the text of an engine is pasted: a file,
+    or a function of the script; "" for an engine that opens no models.
     """
-    from hcbench.terms.setting import PAIR
+    from hcbench.sim import registry
+    from hcbench.sim.capabilities import OpensModels, TunesModels
 
+    adapter = registry.engine(engine)
+    if not isinstance(adapter, OpensModels):
+        return ""
+    if not isinstance(adapter, TunesModels):
+        # Without its name another engine opens the file.
+        return f"my.xml --engine {quote(engine)}"
+    return "my.xml" if adapter.writes_models else _SCRIPT
+
+
+def _next_line(answer: Answer, model: str, pair: str, material: str | None) -> str:
+    """The command that shows how the pasted text does.
+
+    model: with the text, as a shell takes it. pair: of its bodies. material: as it was typed.
+    """
     target = answer.target
     low, high = answer.best.speeds
-    model = "my.xml"
-    pair = answer.pair
-    if script is not None:
-        model = quote(str(script))
-        pair = PAIR
     asked = f'--alpha "{target.law.alpha:.10g} s/m"'
     if material is not None:
         asked = f"--material {quote(material)}"
@@ -140,7 +159,7 @@ def _next_line(answer: Answer, script: Path | None, material: str | None) -> str
         asked = ""
         if target.is_constant:
             asked = f"--restitution {target.points[0][1]:g}"
-    line = f"hcbench measure {model} --pair {quote(joined_names(pair))} {asked}".rstrip()
+    line = f"hcbench measure {model} --pair {quote(pair)} {asked}".rstrip()
     speeds = f"{low:.3g}:{high:.3g}:5" if low < high else f"{low:.10g}"
     return f'{line} --speeds "{speeds} m/s"'
 

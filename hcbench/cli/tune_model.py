@@ -9,13 +9,14 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from hcbench.cli.console import print_json, show, show_code, status
+from hcbench.cli.console import print_json, show, show_code, status, typed_again
 from hcbench.measuring.request import is_python
 from hcbench.sim.passivity import MOST_E
 from hcbench.system.errors import LimitPassed
 from hcbench.system.text import as_bound, joined_names, sanitized, time_step
 
 if TYPE_CHECKING:
+    from hcbench.measuring.curve import CurvePoint
     from hcbench.sim.landing import DropTest
     from hcbench.tuning.tuned_model import LandingChange, TunedModel, TunedPair
 
@@ -57,15 +58,17 @@ def tune_model(
         print_landing(tuned, landing)
         _show_files(tuned, files)
         if tuned.gains:
-            show(f"\nnext:\n  hcbench land {_tested(tuned, written, models)}")
+            launches = typed_again(given, _kept_by_land(tuned))
+            model = _tested(tuned, written, models)
+            show(f"\n{_next_title(tuned, written, models)}\n  hcbench land {model}{launches}")
     else:
         for name, line in of_material.items():
             show(f"{name}: {line}")
         _print(tuned, limit)
         _show_files(tuned, files)
         if tuned.gains:
-            tested = _tested(tuned, written, models)
-            show(f"\nnext:\n  {_next_line(tuned, limit, tested, value, given)}")
+            line = _next_line(tuned, limit, _tested(tuned, written, models), value, given)
+            show(f"\n{_next_title(tuned, written, models)}\n  {line}")
     if landing is not None and (landing.worse or landing.rebound is not None):
         if tuned.gains:
             return
@@ -121,7 +124,8 @@ def _next_line(
     alpha: s/m; given: the other options, by their names.
     """
     pair = tuned.pairs[0]
-    low, high = pair.band
+    low, high = (f"{speed:.3g}" for speed in pair.band)
+    speeds = low if low == high else f"{low}:{high}:5"
     asked = []
     if given.get("restitution") is not None:
         asked = [f"--restitution {given['restitution']:g}"]
@@ -133,11 +137,17 @@ def _next_line(
     if given["pair"]:
         # As the user typed it.
         names = given["pair"][0]
-    words = [model, f"--pair {quote(names)}", *asked, f'--speeds "{low:.3g}:{high:.3g}:5 m/s"']
+    words = [
+        model,
+        f"--pair {quote(names)}",
+        typed_again(given, (*_not_written(tuned), *_POSE, "coming_from", "actuators")).strip(),
+        *asked,
+        f'--speeds "{speeds} m/s"',
+    ]
     # A limit that is the setting's own error would be a gate that cannot fail.
     if tuned.max_error > limit:
-        return " ".join(["hcbench measure", *words])
-    return " ".join(["hcbench check", *words, f"--max-error {limit:g}"])
+        return " ".join(filter(None, ["hcbench measure", *words]))
+    return " ".join(filter(None, ["hcbench check", *words, f"--max-error {limit:g}"]))
 
 
 def _tested(tuned: TunedModel, written: Path | None, models: tuple[str, ...]) -> str:
@@ -149,6 +159,35 @@ def _tested(tuned: TunedModel, written: Path | None, models: tuple[str, ...]) ->
     if written is None and tuned.text and not tuned.written and not is_python(models[0]):
         return "--python FILE.py:FUNCTION"
     return _model(written, models)
+
+
+def _next_title(tuned: TunedModel, written: Path | None, models: tuple[str, ...]) -> str:
+    """The line over the command to type next: it says where the lines go that were not written.
+
+    written: the file with the tuned model. models: the user's own.
+    """
+    if written is not None or not tuned.text:
+        return "next:"
+    if not tuned.written and not is_python(models[0]):
+        return "next, with these lines in FILE.py, whose FUNCTION returns World(client, first, second):"
+    file = models[0].partition(":")[0] if is_python(models[0]) else models[0]
+    return f"next, with these lines in {sanitized(file)}:"
+
+
+# Options of the pose, which no model keeps.
+_POSE = ("key", "qpos", "state")
+
+
+def _not_written(tuned: TunedModel) -> tuple[str, ...]:
+    """Names of the options that the lines leave out: step and gravity, unless they are lines of a
+    model or nothing was changed.
+    """
+    return () if tuned.written else ("timestep", "gravity")
+
+
+def _kept_by_land(tuned: TunedModel) -> tuple[str, ...]:
+    """Names of the options with which `land` drops the robot as `tune` did."""
+    return (*_POSE, *_not_written(tuned))
 
 
 def _model(written: Path | None, models: tuple[str, ...]) -> str:
@@ -289,9 +328,23 @@ def _print(tuned: TunedModel, limit: float) -> None:
     elif tuned.landing is not None and tuned.landing.worse:
         show("\nthe nearest setting, which is not written:\n")
         show_code(tuned.text)
-    if tuned.notes:
+    _print_notes(tuned, limit)
+
+
+def _print_notes(tuned: TunedModel, limit: float) -> None:
+    """Print the setting's notes, and that a gate needs the limit of the error where its own is less.
+
+    limit: largest error of e that passes.
+    """
+    from hcbench.checking.spec import MAX_ERROR
+
+    notes = list(tuned.notes)
+    if tuned.gains and tuned.text and MAX_ERROR < tuned.max_error <= limit:
+        gate = f"`hcbench check` and the fixture allow an error of {MAX_ERROR:g}"
+        notes.append(f"{gate} by default: this setting needs {limit:g}.")
+    if notes:
         show("\nNotes:")
-    for note in tuned.notes:
+    for note in notes:
         show(f"- {note}")
 
 
@@ -304,32 +357,33 @@ def _table(tuned: TunedModel) -> list[str]:
     from hcbench.sim.rest import QUANTITIES
 
     rows = [("", "before", "after")]
-    for was, now in zip(tuned.untuned, tuned.pairs, strict=True):
-        title = f"e of {now.facts.pair[0]}"
-        if now.attitude:
-            title += f" on {now.attitude}"
+    for untuned, pair in zip(tuned.untuned, tuned.pairs, strict=True):
+        title = f"e of {pair.facts.pair[0]}"
+        if pair.attitude:
+            title += f" on {pair.attitude}"
         # The ends of the band.
         for place in (0, -1):
-            old = was.curve[place]
-            new = now.curve[place]
-            row = (
-                f"{title} at {new.speed_in:.2g} m/s",
-                f"{old.lowest:.2f} ... {old.highest:.2f}",
-                f"{new.lowest:.2f} ... {new.highest:.2f}",
-            )
-            rows.append(row)
+            old = untuned.curve[place]
+            new = pair.curve[place]
+            rows.append((f"{title} at {new.speed_in:.2g} m/s", _ends(old), _ends(new)))
     before = tuned.before.record
     after = tuned.after.record
     for quantity in QUANTITIES:
-        # In the unit that is printed.
-        was_then = before[quantity.key] / quantity.si
-        is_now = after[quantity.key] / quantity.si
-        if math.isnan(was_then) and math.isnan(is_now):
+        was, now = before[quantity.key], after[quantity.key]
+        if math.isnan(was) and math.isnan(now):
             continue
-        rows.append((f"{quantity.title}, {quantity.unit}", f"{was_then:.3g}", f"{is_now:.3g}"))
+        title = f"{quantity.title}, {quantity.unit}"
+        rows.append((title, quantity.shown(was), quantity.shown(now)))
     first = max(len(name) for name, _, _ in rows)
     second = max(len(was) for _, was, _ in rows)
     return [f"{name:<{first}}  {was:>{second}}  {now}" for name, was, now in rows]
+
+
+def _ends(point: CurvePoint) -> str:
+    """The lowest and the highest e of a point; of one that never bounced "no e"."""
+    if math.isnan(point.lowest):
+        return "no e"
+    return f"{point.lowest:.2f} ... {point.highest:.2f}"
 
 
 # The landing of a robot before and after.
@@ -376,12 +430,11 @@ def landing_table(change: LandingChange) -> list[str]:
         ("rebound from 10 cm, mm", rebound, with_spread),
     ]
     for each in QUANTITIES:
-        old = getattr(was, each.name) / each.si
-        new = getattr(now, each.name) / each.si
+        old, new = getattr(was, each.name), getattr(now, each.name)
         if math.isnan(old) and math.isnan(new):
             continue
         title = ", ".join(filter(None, (each.title, each.unit)))
-        rows.append((title, _landed(was, _number(old)), _landed(now, _number(new))))
+        rows.append((title, _landed(was, each.shown(old)), _landed(now, each.shown(new))))
     first = max(len(title) for title, _, _ in rows)
     second = max(len(old) for _, old, _ in rows)
     return [f"{title:<{first}}  {old:>{second}}  {new}" for title, old, new in rows]
@@ -390,13 +443,6 @@ def landing_table(change: LandingChange) -> list[str]:
 def _landed(test: DropTest, value: str) -> str:
     """A value of a drop test as its table has it."""
     return "diverged" if test.diverged else value
-
-
-def _number(value: float) -> str:
-    """A quantity of landings that ended, in its printed unit; infinite is the time to a rest that
-    never came.
-    """
-    return "never" if math.isinf(value) else f"{value:.3g}"
 
 
 def landing_sentences(change: LandingChange) -> list[str]:
@@ -408,7 +454,9 @@ def landing_sentences(change: LandingChange) -> list[str]:
     before = change.before
     sentences = [f"The worst of {len(DROPS)} drops: {_DROPS}."]
     if before.falls:
-        sentences = ["The robot falls over by itself: hcbench compares the first second only."]
+        sentences = [
+            "The robot falls over or rolls down by itself: hcbench compares the first second only."
+        ]
     elif 0 < before.settled < len(DROPS):
         sentences.append(
             f"Rest, penetration at rest, travel, creep, vibration and late flights are those of "

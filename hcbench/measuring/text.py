@@ -131,8 +131,7 @@ def as_text(measurement: Measurement) -> str:
         where = f"{impact.launch.speed:.4g} m/s, phase {impact.launch.phase:.3g}"
         lines.append(f"{impact.status.value} at {where}: {sanitized(impact.reason)}")
     lines += _score_lines(measurement)
-    lines += cause_lines(measurement.causes, measurement.remedy)
-    lines += cause_lines(measurement.rest_causes, "")
+    lines += all_cause_lines(measurement)
     # One empty line between parts.
     return re.sub("\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n"
 
@@ -329,6 +328,22 @@ def _score_lines(measurement: Measurement) -> list[str]:
     if score.energy_gained:
         lines.append("ENERGY IS GAINED: some impacts leave faster than they came")
     return lines
+
+
+def all_cause_lines(measurement: Measurement) -> list[str]:
+    """Causes of the bounce with the remedy, then those of what is too much at rest; of one that is
+    both, at rest the evidence alone.
+    """
+    causes = measurement.causes
+    lines = cause_lines(causes, measurement.remedy)
+    titles = {cause.code: cause.title for cause in causes}
+    only_at_rest = []
+    for cause in measurement.rest_causes:
+        if titles.get(cause.code) == cause.title:
+            lines += ["", f"{cause.code} acts at rest, too: {sanitized(cause.evidence)}"]
+        else:
+            only_at_rest.append(cause)
+    return lines + cause_lines(tuple(only_at_rest), "")
 
 
 def cause_lines(causes: tuple[Cause, ...], remedy: str) -> list[str]:

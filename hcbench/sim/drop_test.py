@@ -157,7 +157,9 @@ class DroppedRobot:
         rest = math.inf if last_moving >= count - 2 else (last_moving + 1 - touch) * h
         about_mean = velocity - velocity.mean(0)
         sink = -float(np.median(motion.distance[tail]))
-        lowered = float(height[touch]) - float(np.median(height[tail]))
+        # The first step in which the floor pushes begins below the touch, by up to the way of a step.
+        at_touch = float(height[touch]) - min(float(motion.distance[touch]), 0.0)
+        lowered = at_touch - float(np.median(height[tail]))
         return _Settling(
             rest=rest,
             sink=sink,

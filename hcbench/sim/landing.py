@@ -335,8 +335,12 @@ class LandedQuantity:
 
     def change(self, was: float, now: float) -> str:
         """Both values, SI, in words."""
-        words = f"{self.title} {was / self.si:.3g} -> {now / self.si:.3g} {self.unit}"
-        return words.rstrip()
+        words = f"{self.title} {self.shown(was)} -> {self.shown(now)}"
+        return words if math.isinf(now) else f"{words} {self.unit}".rstrip()
+
+    def shown(self, value: float) -> str:
+        """A value, SI, in the printed unit; infinite is the time to a rest that never came."""
+        return "never" if math.isinf(value) else f"{value / self.si:.3g}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -624,7 +628,9 @@ def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: f
         spread = max(abs(each - mean) for each in flat)
     worst = {each.name: _worst(landed, each.name) for each in QUANTITIES}
     fell = any(one.fell for one in landed)
-    sags = [one.sag for one in landed if one.sag > 0.0]
+    # A tilted robot sinks by its turn, too.
+    on_level = [one for drop, one in drops.items() if one is not None and not drop.tilt]
+    sags = [one.sag for one in on_level if one.sag > 0.0]
     frequency = math.nan
     if sags and not fell:
         # A spring that its load shortens by s lets it oscillate at √(g/s).

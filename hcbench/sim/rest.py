@@ -192,6 +192,15 @@ class Quantity:
             return False
         return math.isnan(now) or now > max(WORSE * was, self.enough * self.si)
 
+    def change(self, was: float, now: float) -> str:
+        """Both values, SI, in words."""
+        words = f"{self.title} {was / self.si:.3g} -> {self.shown(now)}"
+        return words if math.isnan(now) else f"{words} {self.unit}"
+
+    def shown(self, value: float) -> str:
+        """A value, SI, in the printed unit; NaN is that of a body that does not come to rest."""
+        return "no rest" if math.isnan(value) else f"{value / self.si:.3g}"
+
 
 _HOP = Quantity("hop_m", "hop of a slide", "mm", 1e-3, 0.1)
 QUANTITIES = (
@@ -270,8 +279,7 @@ class Standing:
         """Quantities that grew by more than a fifth and are not small, in words."""
         for quantity, was, now in zip(QUANTITIES, astuple(before), astuple(self), strict=False):
             if quantity.is_worse(was, now):
-                unit = quantity.si
-                yield f"{quantity.title} {was / unit:.3g} -> {now / unit:.3g} {quantity.unit}"
+                yield quantity.change(was, now)
 
     def rests_worse_than(self, before: Standing, timestep: float) -> Iterator[str]:
         """Yield phrases of what is worse than before in how a model rests: it creeps or slips more,
@@ -289,8 +297,7 @@ class Standing:
         for key, now, was, enough in limits:
             quantity = next(each for each in QUANTITIES if each.key == key)
             if quantity.is_worse(was, now) and not now <= enough:
-                unit = quantity.si
-                yield f"{quantity.title} {was / unit:.3g} -> {now / unit:.3g} {quantity.unit}"
+                yield quantity.change(was, now)
 
     def throws_up(self, before: Standing) -> bool:
         """Say whether a body that slides hops higher than before."""

@@ -22,6 +22,7 @@ from hcbench.sim import registry
 from hcbench.sim.capabilities import TunesModels
 from hcbench.sim.model_under_test import (
     BESIDE,
+    Facts,
     ModelSetting,
     ModelUnderTest,
     Output,
@@ -31,11 +32,11 @@ from hcbench.sim.model_under_test import (
 from hcbench.sim.promise import Promise
 from hcbench.sim.rest import WORSE, Standing
 from hcbench.sim.simulate import impacts_in
-from hcbench.system.errors import EngineFailed, UserError
+from hcbench.system.errors import UserError
 from hcbench.system.text import as_bound
 from hcbench.terms.arguments import checked
 from hcbench.terms.bounds import require
-from hcbench.terms.impact import Floats, Impact, Launch
+from hcbench.terms.impact import Floats, Impact, Launch, Status
 from hcbench.tuning.answer import MAX_ERROR
 from hcbench.tuning.landing import landing_as_it_is, tune_landing
 from hcbench.tuning.tuned_model import (
@@ -84,6 +85,7 @@ _SEED = 1609
 _ANGLES = (0.0, math.radians(45.0), math.radians(70.0))
 # A setting whose error of e reaches this is tried no further.
 _FAR = 0.2
+_BOUNCES = "a pair that bounces at all speeds of its band"
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,6 +181,11 @@ class _Try:
     pairs: tuple[TunedPair, ...] | None = None
     landing: LandingChange | None = None
 
+    @property
+    def failure(self) -> str:
+        """Sentence on a launch that has no e; "" where each of the judged pairs has one."""
+        return next((pair.failure for pair in self.pairs or () if pair.failure), "")
+
 
 def _require_known_version(engine: Engine, output: Output) -> None:
     """Raise UserError where the output is for another engine than the model's, or for a version of
@@ -202,8 +209,7 @@ def _tuned(job: Job) -> TunedModel:
 
     A setting will do if e is within the job's `max_error` for all pairs, and all that stands still
     stands as still as before. One that throws up what slides comes after all others. Raises
-    UserError for an engine that tunes no models, EngineFailed where launches with the best setting
-    have no e.
+    UserError for an engine that tunes no models, and where every setting has a launch without an e.
     """
     assert isinstance(job, _TuneJob)
     requests = (job.request, *job.others)
@@ -229,14 +235,16 @@ def _tuned(job: Job) -> TunedModel:
     attitudes: list[tuple[str, Request]] = []
     for request in requests:
         attitudes += engine.attitudes(source, request)
-    before = engine.standing(source, None, requests)
-    tries: list[_Try] = []
     # One request for each attitude of each pair: a setting has to hold in all of them.
     alike = [request for _, request in attitudes]
+    before = engine.standing(source, None, requests)
+    tries: list[_Try] = []
     for setting in engine.model_settings(
         source, alike, wanted, before, rebuild, job.output.version
     ):
         error = _tried(setting, alike, wanted, job.max_error)
+        if not tries and math.isinf(error) and len(requests) == 1:
+            _require_touches(setting, as_it_was, attitudes, wanted)
         if setting.slides and all(error < tried.error for tried in tries):
             lift = _lift(setting.open, alike)
             # A change that the model as it is has, too, does not count.
@@ -332,11 +340,13 @@ def _best(
 
     requests: one a pair. attitudes: of each pair as it can lie, with the attitude's name. wanted: e
     over speed. landed: the robot as it is; None for a model without a robot. limit: error of e that
-    is allowed; enough: of the model as it is. order: the best first. Raises EngineFailed where no
-    launch has an e.
+    is allowed; enough: of the model as it is. order: the best first. Raises UserError where each has
+    a launch without an e.
     """
     # In order: what lands worse, then the first that lands no worse but is not near enough.
     others: list[_Try] = []
+    # Why those that were launched do not bounce.
+    silent: list[str] = []
     for without_landing in order:
         # The landing of the first that lands worse may be shown, of the others one drop may do.
         tried = _dropped(engine, requests, without_landing, landed, until_worse=bool(others))
@@ -349,8 +359,9 @@ def _best(
             # More launches, which cost as much as a search, find no smaller error.
             others.append(tried)
             break
-        judged = _bouncing(tried, attitudes, wanted)
-        if judged is None:
+        judged = _judged_try(tried, attitudes, wanted)
+        if judged.failure:
+            silent.append(judged.failure)
             continue
         assert judged.pairs is not None
         if largest_error(judged.pairs) <= (enough if is_own else limit):
@@ -358,15 +369,14 @@ def _best(
         others.append(judged)
         break
     for tried in others:
-        judged = _bouncing(tried, attitudes, wanted)
-        if judged is not None and judged.landing is None:
-            judged = _dropped(engine, requests, judged, landed)
-        if judged is not None:
+        judged = _judged_try(tried, attitudes, wanted)
+        if not judged.failure:
+            if judged.landing is None:
+                judged = _dropped(engine, requests, judged, landed)
             return judged
-    got = f"launches with the setting {order[0].setting.name!r} gave no restitution"
-    raise EngineFailed(
-        "model", got, "a bounce from each", "Try other --speeds, or a smaller --timestep"
-    )
+        silent.append(judged.failure)
+    got = f"with the setting {order[0].setting.name!r}, {silent[0]}"
+    raise UserError("pair", got, _BOUNCES, "Try other --speeds, or a smaller --timestep")
 
 
 def _dropped(
@@ -390,17 +400,33 @@ def _dropped(
     return dataclasses.replace(tried, landing=LandingChange(landed, after))
 
 
-def _bouncing(
+def _require_touches(
+    setting: ModelSetting,
+    as_it_was: Callable[[Request], ModelUnderTest],
+    attitudes: Sequence[tuple[str, Request]],
+    wanted: RestitutionCurve,
+) -> None:
+    """Refuse a pair with a launch that touches neither in the model as it is nor with a setting, by
+    UserError: servos hold it back, and the search would take minutes to find no e.
+
+    as_it_was: opens the model as it is. attitudes: of the pair as it can lie, with their names.
+    """
+    if all(pair.touches for pair in _measured(setting.open, attitudes, wanted, held_out=False)):
+        return
+    for pair in _measured(as_it_was, attitudes, wanted, held_out=False):
+        if not pair.touches:
+            advice = "Try other --speeds, another --key or --qpos, or --no-actuators"
+            raise UserError("pair", pair.failure, _BOUNCES, advice)
+
+
+def _judged_try(
     tried: _Try, attitudes: Sequence[tuple[str, Request]], wanted: RestitutionCurve
-) -> _Try | None:
-    """Measure the pairs with the setting of a try, and return the try with what they do; None where
-    a launch has no e.
+) -> _Try:
+    """Measure the pairs with the setting of a try, and return the try with what they do.
 
     attitudes: of each pair as it can lie, with the attitude's name. wanted: e over speed.
     """
     pairs = tried.pairs or _measured(tried.setting.open, attitudes, wanted, held_out=True)
-    if not all(math.isfinite(pair.max_error) for pair in pairs):
-        return None
     return dataclasses.replace(tried, pairs=pairs)
 
 
@@ -592,14 +618,26 @@ def _measured_pair(
         judged: list[Impact] = []
         if halvings:
             judged = _judged(model, request, every, wanted)
+        facts = model.facts()
         return TunedPair(
-            model.facts(),
+            facts,
             curve,
             taken=taken,
             launches=len(every) + len(judged),
             beyond=_error(judged, wanted),
             highest=max((impact.restitution for impact in judged), default=0.0),
+            failure=_failure(facts, [*every, *judged]),
+            touches=all(impact.status is not Status.NO_TOUCH for impact in every),
         )
+
+
+def _failure(facts: Facts, impacts: Sequence[Impact]) -> str:
+    """Clause on the first impact without an e; "" where each has one. facts: of the pair."""
+    failed = next((impact for impact in impacts if not impact.is_measured), None)
+    if failed is None:
+        return ""
+    pair = " on ".join(facts.pair)
+    return f"{pair} launched at {failed.launch.speed:.3g} m/s has no e: {failed.reason}"
 
 
 def _judged(

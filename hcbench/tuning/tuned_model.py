@@ -37,6 +37,8 @@ class TunedPair:
     launches: how many there were: those of the curve, then others at speeds and phases that fill
     band and step evenly, and about the worst of all.
     beyond, highest: the largest error of e, and the largest e, in those others.
+    failure: clause on a launch that has no e; "" where each has one. touches: whether each of the
+    curve's launches touched at all, whatever its e.
     """
 
     facts: Facts
@@ -46,6 +48,8 @@ class TunedPair:
     launches: int = 0
     beyond: float = 0.0
     highest: float = 0.0
+    failure: str = ""
+    touches: bool = True
 
     @property
     def max_error(self) -> float:

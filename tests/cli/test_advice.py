@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, cast
 import pytest
 
 from hcbench.cli import run
+from hcbench.cli.tune import _user_model
 from hcbench.cli.tune_model import _cure
 from hcbench.terms import units
 
@@ -52,3 +53,46 @@ def test_the_next_line_of_measure_is_of_the_same_launches(
     assert line == (
         f"hcbench check {shlex.quote(GOOD)} --pair ball,plate {typed} --write-baseline bounce.json"
     )
+
+
+def printed_next(out: str) -> tuple[str, str]:
+    """(title, command) at the end of an output."""
+    title, _, line = out.rpartition("\nnext")[2].partition(":\n")
+    return f"next{title}:", " ".join(line.replace("\\\n", " ").split())
+
+
+def test_the_next_line_of_tune_says_where_the_lines_go_and_keeps_the_pose(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Without --write-model it named the untuned file, and never the pose."""
+    posed = tmp_path / "posed.xml"
+    key = '<keyframe><key name="up" qpos="0 0 0.5 1 0 0 0"/></keyframe></mujoco>'
+    posed.write_text(Path(GOOD).read_text(encoding="utf-8").replace("</mujoco>", key))
+    asked = ["--pair=ball,plate", "--restitution=0.5", "--speeds=1 m/s", "--key=up"]
+    assert run(["tune", str(posed), *asked, "--gravity=3.7"]) == 0
+    title, line = printed_next(capsys.readouterr().out)
+    assert title == f"next, with these lines in {posed}:"
+    assert line.startswith(f"hcbench check {posed} --pair ball,plate --key up --restitution 0.5 ")
+    written = tmp_path / "tuned.xml"
+    assert run(["tune", str(posed), *asked, "--gravity=3.7", f"--write-model={written}"]) == 0
+    title, line = printed_next(capsys.readouterr().out)
+    assert title == "next:"
+    # The gate of what was promised, in the gravity that was asked: it stands in the file.
+    assert "--max-error 0.05" in line and "--gravity" not in line
+    assert run(shlex.split(line)[1:]) == 0
+    assert "gravity 3.7 m/s^2" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("engine", "model"),
+    [
+        ("mujoco", "my.xml"),
+        ("mjx", "my.xml --engine mjx"),
+        ("pybullet", "--python FILE.py:FUNCTION"),
+        ("exudyn", ""),
+    ],
+)
+def test_the_text_of_an_engine_is_measured_in_a_model_that_it_opens(
+    engine: str, model: str
+) -> None:
+    assert _user_model(engine) == model

@@ -25,7 +25,7 @@ MODELS: list[tuple[str, str | None, str]] = [
     (f"{GYM}inverted_double_pendulum.xml", "cpole2,floor", "never touch: contype"),
     (f"{GYM}inverted_pendulum.xml", "cpole,rail", "never touch: contype"),
     (f"{GYM}point.xml", "pointarrow,floor", "slide past each other: no joint moves one"),
-    (f"{GYM}pusher_v5.xml", "object,r_wrist_roll_link", "passes 'r_wrist_roll_link'.*heights"),
+    (f"{GYM}pusher_v5.xml", "object,r_wrist_roll_link", MEASURED),
     (f"{GYM}reacher.xml", "fingertip,target", "never touch: contype"),
     (f"{GYM}swimmer.xml", "torso,floor", "never touch: contype"),
     (f"{GYM}walker2d_v5.xml", "foot,floor", MEASURED),
@@ -46,7 +46,7 @@ MODELS: list[tuple[str, str | None, str]] = [
         "ball,floor",
         "'ball', which moves with it, would be .* inside 'wall2'",
     ),
-    (f"{SUITE}manipulator.xml", "thumbtip,floor", "never touched.*springs and damping of joints"),
+    (f"{SUITE}manipulator.xml", "thumbtip,floor", MEASURED),
     (f"{SUITE}pendulum.xml", "pole,floor", "contacts are disabled"),
     (f"{SUITE}quadruped.xml", "toe_front_left,floor", MEASURED),
     (
@@ -75,7 +75,7 @@ MODELS: list[tuple[str, str | None, str]] = [
     (f"{BULLET}racecar/racecar.urdf {BULLET}plane.urdf", None, MEASURED),
     (f"{BULLET}duck_vhacd.urdf {BULLET}table/table.urdf", None, MEASURED),
     (f"{BULLET}teddy_vhacd.urdf {BULLET}plane.urdf", None, MEASURED),
-    (f"{BULLET}humanoid/humanoid.urdf {BULLET}plane.urdf", None, "not well-formed"),
+    (f"{BULLET}humanoid/humanoid.urdf {BULLET}plane.urdf", None, MEASURED),
 ]
 
 
@@ -121,6 +121,11 @@ def test_the_tuned_model_bounces_as_tune_says(file: str, pair: str, tmp_path: Pa
         wanted,
         output=Output(tmp_path),
     )
+    if not found.written:
+        # The model as it is is nearest, or the robot lands worse with every setting.
+        assert not found.gains
+        assert found.no_gain
+        return
     (tmp_path / "tuned.xml").write_text(found.written)
     again = measure(tmp_path / "tuned.xml", pair, speeds=[0.35, 0.8, 1.3], phases=5, diagnose=False)
     print(f"{file} {found.name}: e = 0.5 within {found.max_error:.3f}")

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, cast
 
 import pytest
 
+from hcbench.measuring.measurement import Cause
 from hcbench.measuring.rest import RestLimits, rest_causes
+from hcbench.measuring.text import all_cause_lines
 from hcbench.sim.model_under_test import Suspect
 from hcbench.sim.rest import Rest
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from hcbench.measuring.measurement import Measurement
     from hcbench.sim.model_under_test import ModelUnderTest
 
 LIMITS = RestLimits(penetration=1e-3, vibration=1e-3, of_user=True)
@@ -63,3 +67,17 @@ def test_the_fix_that_leaves_the_least_comes_first() -> None:
 
 def test_a_pair_within_its_limits_has_no_causes() -> None:
     assert causes(lying(0.9e-3, 0.9e-3), {"fix": lying(0.0, 0.0)}) == []
+
+
+def test_a_cause_of_bounce_and_rest_is_printed_once() -> None:
+    both = Cause("default-solref", "solref is the default.", "solref 0.02 1", "a text")
+    resting = Cause(both.code, both.title, "vibration at rest 6.8 m/s, with this fix 1.3 m/s", "")
+    alone = Cause("long-step", "The step is too long.", "a step of 0.004 s", "a text")
+    found = SimpleNamespace(causes=(both,), remedy="", rest_causes=(resting, alone))
+    lines = all_cause_lines(cast("Measurement", found))
+    titles = [line for line in lines if line.startswith(("default-solref", "long-step"))]
+    assert titles == [
+        "default-solref: solref is the default.",
+        "default-solref acts at rest, too: vibration at rest 6.8 m/s, with this fix 1.3 m/s",
+        "long-step: The step is too long.",
+    ]

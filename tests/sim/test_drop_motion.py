@@ -84,3 +84,23 @@ def test_drops_of_two_lengths_are_one_test() -> None:
     assert test.rest == landings[DROPS[-1]].rest
     assert (test.settled, test.falls) == (1, False)
     assert drop_test(robot, {DROPS[0]: landings[DROPS[0]]}, 1.0).falls
+
+
+def test_a_robot_sags_by_what_level_drops_lower_it_whatever_the_step() -> None:
+    """The output had 5.1, 7.3 and 8.3 mm at 4, 2 and 1 ms; and 41 mm of wheels, by a tilted drop."""
+    robot = Robot("an engine", "m", "base", 10.0, H, (0.0, 0.0, -G), "held")
+    level = motion(10.0)
+    # The floor first pushes in a step that begins 3 mm below the touch.
+    late = replace(level, centre=level.centre.copy(), distance=level.distance.copy())
+    late.distance[FALL] = -3e-3
+    late.centre[FALL, 2] -= 3e-3
+    for drop in (level, late):
+        drop.centre[-5000:, 2] -= 10e-3
+    found = [landed(one) for one in (level, late)]
+    assert found[0].sag == pytest.approx(10e-3 + 5e-4 - 5e-4)
+    assert found[1].sag == pytest.approx(10e-3 - 5e-4)
+    tilted = replace(found[0], sag=1e-3)
+    drops = {DROPS[0]: found[0], DROPS[-1]: tilted}
+    assert drop_test(robot, drops, 10.0).frequency == pytest.approx(math.sqrt(G / found[0].sag))
+    flat = {DROPS[0]: replace(found[0], sag=-1e-3), DROPS[-1]: tilted}
+    assert math.isnan(drop_test(robot, flat, 10.0).frequency)

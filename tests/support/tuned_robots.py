@@ -149,7 +149,9 @@ def row(of: Answer) -> list[str]:
     change = of.tuned.landing
     assert change is not None
     was, now = change.before, change.after
-    said = of.tuned.name if of.tuned.gains else "refused"
+    said = of.tuned.name
+    if not of.tuned.gains:
+        said = "refused, chance" if is_chance(of) else "refused"
     largest = "" if change.reach is None else f"{1e3 * change.reach.rebound:.3g}"
     falls = " (falls)" if was.falls else ""
     return [
@@ -165,6 +167,13 @@ def row(of: Answer) -> list[str]:
         f"{1e3 * was.creep:.2f} / {1e3 * now.creep:.2f}",
         f"{of.cpu:.0f}",
     ]
+
+
+def is_chance(of: Answer) -> bool:
+    """Say whether an answer is refused for its chance alone: it has no largest rebound then."""
+    change = of.tuned.landing
+    assert change is not None
+    return change.reach is None and not of.tuned.gains and change.after.is_chance(of.target)
 
 
 HEAD = (
@@ -188,7 +197,8 @@ def counted(rows: list[dict[str, str]]) -> str:
     """A sentence of how many robots and answers of each kind the rows have."""
     robots = len({row["robot"].removesuffix(" (falls)") for row in rows})
     kinds = [row["answer"] for row in rows]
-    stays, refused = kinds.count("as it is"), kinds.count("refused")
+    stays = kinds.count("as it is")
+    refused = sum(kind.startswith("refused") for kind in kinds)
     tuned = len(rows) - stays - refused
     return (
         f"{robots} robots, {len(rows)} answers: {tuned} settings, {stays} models that have the "

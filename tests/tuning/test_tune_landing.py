@@ -26,7 +26,7 @@ from hcbench.sim.capabilities import TunesModels
 from hcbench.sim.landing import DROPS, HEIGHTS, PHASES, QUANTITIES, DropTest, Reach, drop_test
 from hcbench.sim.model_under_test import ModelSetting, Output
 from hcbench.sim.rest import UNKNOWN
-from hcbench.system.errors import EngineFailed, UserError
+from hcbench.system.errors import UserError
 from hcbench.tuning.model import _best, _Try
 from hcbench.tuning.tuned_model import LandingChange
 
@@ -108,6 +108,16 @@ def test_the_step_of_a_rebound_is_written_with_the_feet(asked: str | None) -> No
     whole = mujoco.MjModel.from_xml_string(texts.written)
     assert (whole.opt.timestep, whole.opt.impratio) == (step, 10.0)
     assert ("timestep" in texts.paste) == (asked is not None)
+
+
+def test_the_gravity_of_a_rebound_is_written_with_the_feet() -> None:
+    requests = [make_request(pair, gravity=1.62) for pair in FEET]
+    made = write_contact(QUADRUPED, requests, FootContact(100.0, 0.5))
+    texts = texts_of(QUADRUPED, made, (), Output())
+    whole = mujoco.MjModel.from_xml_string(texts.written)
+    assert whole.opt.gravity.tolist() == [0.0, 0.0, -1.62]
+    assert '<option gravity="0 0 -1.62"/>' in texts.paste
+    assert "gravity is now 1.62 m/s^2" in made.kept
 
 
 def test_a_mean_of_phases_that_rebound_and_phases_that_do_not_is_no_rebound(
@@ -224,7 +234,7 @@ def test_a_landing_is_worse_in_what_grew_by_more_than_is_stated() -> None:
         beyond = dataclasses.replace(was, **{quantity.name: 1.001 * limit + 1e-9})
         assert len(list(beyond.worse_than(was))) == 1
     never = dataclasses.replace(was, rest=math.inf)
-    assert list(never.worse_than(was)) == [f"time to rest {was.rest:.3g} -> inf s"]
+    assert list(never.worse_than(was)) == [f"time to rest {was.rest:.3g} -> never"]
     assert not list(never.worse_than(never))
 
 
@@ -292,7 +302,7 @@ class Lands:
 
 def a_try(name: str, source: Any, error: float, *, bounces: bool = True) -> Any:
     (pair,) = ball().pairs
-    pairs = (pair if bounces else dataclasses.replace(pair, beyond=math.inf),)
+    pairs = (pair if bounces else dataclasses.replace(pair, failure="has no e: turned back"),)
     setting = ModelSetting(name, (), Any, Any, source=source)  # type: ignore[arg-type]
     return _Try(setting, UNKNOWN, error, 0, throws_up=False, pairs=pairs)
 
@@ -310,8 +320,19 @@ def chosen(
 def test_a_setting_without_a_bounce_is_passed_over() -> None:
     silent, bounces = a_try("silent", None, 0.1, bounces=False), a_try("bounces", None, 0.2)
     assert chosen(silent, bounces).setting.name == "bounces"
-    with pytest.raises(EngineFailed, match="'silent' gave no restitution"):
+    with pytest.raises(UserError, match="the setting 'silent', has no e: turned back"):
         chosen(silent)
+
+
+HELD = """<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/>
+<body name="bob" pos="0 0 .3"><joint name="z" type="slide" axis="0 0 1" stiffness="4000" damping="400"/>
+<geom name="bob" type="sphere" size=".1" mass="1"/></body></worldbody></mujoco>"""
+
+
+def test_a_launch_that_never_touches_is_refused_after_one_setting() -> None:
+    """Servos that hold a leg back cost minutes of search for a contact, then exit code 3."""
+    with pytest.raises(UserError, match=r"at 0\.1 m/s has no e: turned back.*springs"):
+        hb.tune_model(HELD, "bob,floor", restitution=0.5, speeds="0.1:0.2 m/s")
 
 
 def test_a_setting_with_which_the_robot_lands_worse_gives_way_to_one_that_gains() -> None:

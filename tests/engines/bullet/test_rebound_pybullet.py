@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -17,6 +18,9 @@ from long_searches import long_search
 
 import hcbench as hb
 from hcbench.cli import run
+from hcbench.engines.pybullet.model.foot_springs import LinkSearch, _all_feet
+from hcbench.engines.pybullet.model.under_test import unwritten
+from hcbench.measuring.request import make_request
 from hcbench.sim.landing import HEIGHTS, PHASES, DropTest
 from hcbench.system.errors import UserError
 from hcbench.workers import process
@@ -110,6 +114,23 @@ def test_the_model_as_it_is_is_judged_by_the_same_drops(files: tuple[str, str]) 
     assert not list(after.worse_than(before, TARGET))
     # Few drops last long enough to show a rest.
     assert (before.settled, after.settled) == (3, 3)
+
+
+def test_links_that_land_and_are_of_no_pair_are_named() -> None:
+    requests = [make_request("a_toe,plane.urdf", gravity=G)]
+    search = cast(LinkSearch, SimpleNamespace(others=["b_toe", "c_toe"]))
+    (said,) = _all_feet(search, requests)
+    assert said.startswith("Other links land on the floor, too: b_toe, c_toe. Name them all: ")
+    every = "--pair a_toe,plane.urdf --pair b_toe,plane.urdf --pair c_toe,plane.urdf."
+    assert said.endswith(every)
+    assert _all_feet(cast(LinkSearch, SimpleNamespace(others=[])), requests) == ()
+
+
+def test_the_calls_that_no_line_makes_are_named() -> None:
+    request = make_request(None, gravity=1.62, timestep="1/500 s")
+    (said,) = unwritten(request)
+    assert "setTimeStep(0.002) and setGravity(0, 0, -1.62)" in said
+    assert unwritten(make_request(None)) == ()
 
 
 def test_what_stops_already_is_left(

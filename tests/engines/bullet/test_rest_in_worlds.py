@@ -114,6 +114,7 @@ def test_without_gravity_nothing_is_carried(files: list[str]) -> None:
     with open_world(files, make_request(None), None) as model:
         assert model.carried().loads == ()
         assert math.isnan(model.standing().penetration)
+        assert model.facts().notes[0].startswith("These files set no gravity, so none acts: ")
 
 
 def test_tune_takes_two_files_and_names_none_that_it_did_not_write(
@@ -124,8 +125,9 @@ def test_tune_takes_two_files_and_names_none_that_it_did_not_write(
     printed = capsys.readouterr()
     assert "vibration at rest" in printed.out
     assert "strict" in printed.err
-    line = printed.out.partition("next:")[2]
+    line = printed.out.partition("next, with these lines in FILE.py, ")[2]
     assert "--python FILE.py:FUNCTION" in line
+    assert "--gravity 9.81" in line
     assert "tuned" not in line
     assert run(["measure", *files, "--speeds", "0.5 m/s"]) == 0
     assert "--write-model" not in capsys.readouterr().out.partition("next:")[2]

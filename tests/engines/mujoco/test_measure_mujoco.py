@@ -282,7 +282,8 @@ def test_other_contacts_are_reported_as_a_cause() -> None:
         "</body>", '<geom name="other end" type="sphere" size=".1" pos="0 .5 0"/></body>'
     )
     found = measure(text, ("geom:sphere", "plate"), speeds=[0.5])
-    assert "Other contacts" in found.facts.notes[-1]
+    said = "Other contacts acted during the impact: plate (by other parts than geom:sphere)."
+    assert found.facts.notes[-1] == said
     assert "other-contacts" in [cause.code for cause in found.causes]
 
 

@@ -73,9 +73,12 @@ def _named_geoms(model: Any, name: str, other: str | None = None) -> NamedGeoms:
     for the bodies that hang on it.
     other: name of the part that it is to touch, to list in an error what can; None for no list.
 
-    Raises UserError where neither has geoms, and for a name that the model does not have: it lists
-    what can touch the other part, the nearest first.
+    Raises UserError where neither has geoms, for a flex, and for a name that the model does not
+    have: it lists what can touch the other part, the nearest first.
     """
+    if backend().mj_name2id(model, backend().mjtObj.mjOBJ_FLEX, name) >= 0:
+        got = f"{name!r} is a soft body (flex), whose contacts are not measured"
+        raise UserError("pair", got, "two rigid bodies or geoms")
     parts = [("body", body_name(model, b), b) for b in range(model.nbody)]
     parts += [("geom", geom_name(model, g), g) for g in range(model.ngeom)]
 

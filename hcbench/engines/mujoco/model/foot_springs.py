@@ -23,10 +23,11 @@ from hcbench.engines.mujoco.model.write_pairs import (
     friction_values,
     label_of,
     name_geoms,
+    new_gravity,
     new_step,
+    options_of,
     set_pair,
     spec_of,
-    step_option,
     taken_pairs,
     texts_of,
 )
@@ -124,11 +125,11 @@ def write_contact(source: Any, requests: Sequence[Request], contact: FootContact
                 values |= {"margin": _onset(model, one, other), "gap": 0.0}
         elements = known or [spec.add_pair(geomname1=both[0], geomname2=both[1])]
         lines += [set_pair(element, both, values) for element in elements]
-    step = new_step(spec, requests[0])
-    option = step_option(spec, step)
+    step, gravity = new_step(spec, requests[0]), new_gravity(spec, requests[0])
+    option = options_of(spec, step, gravity)
     if contact.impratio:
         option += elliptic_option(spec, contact.impratio, "feet slip less", notes)
-    return Written(spec, contact_text(option, lines), notes, names, own, step)
+    return Written(spec, contact_text(option, lines), notes, names, own, step, gravity)
 
 
 def _onset(model: Any, one: int, other: int) -> float:
@@ -264,8 +265,9 @@ def advice(model: Any) -> tuple[str, ...]:
     """Sentences on options of a model by which its feet cannot hold, before anything else is tuned."""
     sentences = []
     if model.opt.iterations < _ITERATIONS:
+        count = int(model.opt.iterations)
         sentences.append(
-            f"The solver stops after {model.opt.iterations} iterations, before the feet's forces "
+            f"The solver stops after {count} iteration{'s' if count > 1 else ''}, before the feet's forces "
             'balance: first set <option iterations="100" ls_iterations="50"/>.'
         )
     return tuple(sentences)

@@ -327,11 +327,14 @@ def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, s
     drive = _holding(model, start, root, gains)
     described = []
     if drive.servos.size:
-        described.append(f"{drive.servos.size} position servos hold their joints")
+        few = "1 position servo holds its joint"
+        many = f"{drive.servos.size} position servos hold their joints"
+        described.append(few if drive.servos.size == 1 else many)
     if drive.motors:
         kp_span = _span([motor.kp for motor in drive.motors])
         kd_span = _span([motor.kd for motor in drive.motors])
-        described.append(f"{len(drive.motors)} motors by PD, kp {kp_span}, kd {kd_span} (SI)")
+        noun = "motor" if len(drive.motors) == 1 else "motors"
+        described.append(f"{len(drive.motors)} {noun} by PD, kp {kp_span}, kd {kd_span} (SI)")
     if not described:
         words = "the controls of the pose" if model.nu else "no actuators: its joints are free"
         return (lambda data: None), words

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hcbench.engines.mujoco.backend import backend
-from hcbench.engines.mujoco.model.bodies import approach_row
+from hcbench.engines.mujoco.model.bodies import approach_row, geom_name
 from hcbench.engines.mujoco.model.speed_shares import has_more_than_contacts
 from hcbench.laws.restitution import ConstantRestitution, Restitution
 from hcbench.terms.impact import Floats
 from hcbench.terms.resolution import ROUND_OFF_SOLVED
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from hcbench.laws.restitution import RestitutionCurve
 
@@ -232,6 +232,21 @@ class ContactPair:
         bodies = [body for body in (self.first.body, self.second.body) if body]
         roots = self.model.body_rootid[bodies]
         return np.append(np.isin(self.model.body_rootid[self.model.geom_bodyid], roots), False)
+
+    def names_of_others(self, geoms: Iterable[int]) -> list[str]:
+        """Names of geoms that touched the two besides their own contact, sorted.
+
+        geoms: their numbers. One of the pair's own, such as the floor under another foot, is named
+        with the part that did not touch it then.
+        """
+        names = []
+        for geom in geoms:
+            name = geom_name(self.model, geom)
+            if self.sides[geom]:
+                other = self.second if self.sides[geom] == 1 else self.first
+                name += f" (by other parts than {other.name})"
+            names.append(name)
+        return sorted(names)
 
     @cached_property
     def more_than_contacts(self) -> bool:

@@ -14,7 +14,6 @@ import numpy as np
 
 from hcbench.engines.mujoco import plugin
 from hcbench.engines.mujoco.backend import backend, captured_warnings, forget_resets, resets
-from hcbench.engines.mujoco.model.bodies import geom_name
 from hcbench.engines.mujoco.model.open import LaunchWorkspace, copy_state
 from hcbench.engines.mujoco.model.pair_reader import MujocoAlongPlate, PairReader, with_kinematics
 from hcbench.engines.mujoco.model.speed_shares import NAMES, SpeedShares, strange_share
@@ -229,7 +228,7 @@ class MujocoFlight:
                     return f"what slowed it most: {name}"
                 return ""
             self._keep_shares({name: speed / self._touch_speed for name, speed in taken.items()})
-        names = sorted(geom_name(self._model, geom) for geom in touched)
+        names = self._place.pair.names_of_others(touched)
         if not names:
             return ""
         return f"other contacts acted: {', '.join(names[:4])}"

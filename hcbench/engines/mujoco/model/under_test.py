@@ -279,7 +279,7 @@ class MujocoModel(OpenedModel, LendsSteps):
         return [dataclasses.replace(named, evidence=f"{evidence}; by Coulomb's law {friction:g}")]
 
     def _others(self) -> list[str]:
-        return sorted(geom_name(self.model, g) for g in self.others)
+        return self.place.pair.names_of_others(self.others)
 
     def fixed(self, suspects: Sequence[Suspect]) -> MujocoModel:
         """The same pair in a copy of the model with the fixes of `suspects` made.

@@ -32,7 +32,7 @@ from hcbench.engines.mujoco.scene.rows import (
 )
 from hcbench.sim.model_under_test import Texts
 from hcbench.system.errors import UserError
-from hcbench.system.text import time_step
+from hcbench.system.text import gravity_text, time_step
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from hcbench.engines.mujoco.model.place import PairAtTouch
     from hcbench.engines.mujoco.model.under_test import MujocoModel
     from hcbench.engines.mujoco.scene.rows import Solimp
-    from hcbench.sim.model_under_test import Output, Request
+    from hcbench.sim.model_under_test import Output, Request, Vector
 
 # Load on a contact of a user's model, and rows for it that need no search in the model.
 
@@ -388,6 +388,7 @@ class Written(NamedTuple):
     names: of each geom of the pairs, by its number.
     own: whether the user's text can stay, with the lines added.
     step: that the lines set in place of the model's own, s; None where they set none.
+    gravity: the same, m/s^2.
     """
 
     spec: Any
@@ -396,16 +397,21 @@ class Written(NamedTuple):
     names: dict[int, str]
     own: bool
     step: float | None = None
+    gravity: Vector | None = None
 
     @property
     def kept(self) -> str:
-        """Clause on what of the model is as it was, and on the step where it is not."""
-        if self.step is None:
-            return "friction, condim, margin, masses, step and integrator are as they were"
-        return (
-            "friction, condim, margin, masses and integrator are as they were; the step is now "
-            f"{time_step(self.step)} s, at which this was tuned"
-        )
+        """Clause on what of the model is as it was, and on step and gravity where they are not."""
+        step = "" if self.step else ", step"
+        clause = f"friction, condim, margin, masses{step} and integrator are as they were"
+        changes = []
+        if self.step is not None:
+            changes.append(f"the step is now {time_step(self.step)} s")
+        if self.gravity is not None:
+            changes.append(f"gravity is now {gravity_text(self.gravity)} m/s^2")
+        if not changes:
+            return clause
+        return f"{clause}; {' and '.join(changes)}, at which this was tuned"
 
 
 def texts_of(source: Any, made: Written, sections: Sequence[str], output: Output) -> Texts:
@@ -453,14 +459,15 @@ def written(
         for one, other in pair.geoms:
             lines += _write_rows(spec, model, pair, (one, other), (names[one], names[other]), rows)
     first_pair, _ = pairs[0]
-    step = new_step(spec, first_pair.requests[0])
-    option = step_option(spec, step)
+    request = first_pair.requests[0]
+    step, gravity = new_step(spec, request), new_gravity(spec, request)
+    option = options_of(spec, step, gravity)
     if impratio is None:
         impratio = needed_impratio(model, pairs)
     if impratio > 0.0:
         what_for = "friction neither throws up what slides nor slips"
         option += elliptic_option(spec, impratio, what_for, notes)
-    return Written(spec, contact_text(option, lines), notes, names, own, step)
+    return Written(spec, contact_text(option, lines), notes, names, own, step, gravity)
 
 
 def colliding_geoms(model: Any, pairs: Sequence[ContactPair]) -> list[tuple[int, int]]:
@@ -495,17 +502,29 @@ def new_step(spec: Any, request: Request) -> float | None:
     return request.timestep
 
 
-def step_option(spec: Any, step: float | None) -> str:
-    """Set the time step of a spec, and return the line of XML with the <option> that states it.
+def new_gravity(spec: Any, request: Request) -> Vector | None:
+    """The gravity of a request, m/s^2; None where it asks for none, or for the model's own."""
+    if request.gravity is None or request.gravity == tuple(spec.option.gravity.tolist()):
+        return None
+    return request.gravity
 
-    step: s; None: the spec stays as it is, and the line is "".
-    A contact tuned at one step bounces otherwise at another. Of two <option>s MuJoCo takes each
-    attribute from the later one, so the line holds at the end of a model that has a step.
+
+def options_of(spec: Any, step: float | None, gravity: Vector | None) -> str:
+    """Set step, s, and gravity, m/s^2, in a spec, and return the <option> that says so; of None:
+    "", and it stays.
+
+    A contact tuned at one step, or under one gravity, bounces otherwise at another. Of two
+    <option>s MuJoCo takes each attribute from the later one, so the line holds at the end of a
+    model that has a step.
     """
-    if step is None:
-        return ""
-    spec.option.timestep = step
-    return f'<option timestep="{step!r}"/>\n'
+    attributes = ""
+    if step is not None:
+        spec.option.timestep = step
+        attributes += f' timestep="{step!r}"'
+    if gravity is not None:
+        spec.option.gravity = gravity
+        attributes += f' gravity="{_numbers(gravity)}"'
+    return f"<option{attributes}/>\n" if attributes else ""
 
 
 def elliptic_option(spec: Any, impratio: float, what_for: str, notes: list[str]) -> str:

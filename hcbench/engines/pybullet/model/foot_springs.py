@@ -5,6 +5,7 @@ robot and written as lines of a script.
 from __future__ import annotations
 
 from functools import partial
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,11 +14,11 @@ from hcbench.engines.pybullet.backend import MASS, STIFFNESS
 from hcbench.engines.pybullet.model.causes import Call, apply_calls
 from hcbench.engines.pybullet.model.drop_test import FIRST_S, LASTING, ChangedWorld, WorldDropBench
 from hcbench.engines.pybullet.model.open import BodyPart
-from hcbench.engines.pybullet.model.under_test import PybulletModel
+from hcbench.engines.pybullet.model.under_test import PybulletModel, unwritten
 from hcbench.sim.landing import DropTest, ReboundSettings
 from hcbench.sim.model_under_test import ModelSetting, Suspect, Texts
 from hcbench.sim.rebound_search import FootSpring, ReboundSearch, SpringGrid
-from hcbench.system.text import time_step
+from hcbench.system.text import joined_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -128,30 +129,44 @@ def rebound_settings(
 
     def settings(springs: Iterator[FootSpring]) -> Iterator[ModelSetting]:
         for spring in springs:
-            yield _setting(build, search, spring, requests[0].timestep)
+            yield _setting(build, search, spring, requests[0])
 
     return ReboundSettings(
         settings(search.contacts()),
         settings(search.nearest_contacts()),
         settings(search.trading_contacts()),
         search.stiffer,
+        _all_feet(search, requests),
     )
 
 
+def _all_feet(search: LinkSearch, requests: Sequence[Request]) -> tuple[str, ...]:
+    """A sentence where links that no pair names land on the floor, with the options that name all;
+    else none. A spring of one foot of four hardly changes how the robot lands.
+    """
+    others = search.others
+    pairs = [request.pair for request in requests if request.pair]
+    if not others or not pairs:
+        return ()
+    _, floor = pairs[0]
+    every = [*pairs, *((link, floor) for link in others)]
+    options = " ".join(f"--pair {quote(joined_names(pair))}" for pair in every)
+    return (f"Other links land on the floor, too: {', '.join(others)}. Name them all: {options}.",)
+
+
 def _setting(
-    build: Callable[[], LoadedWorld], search: LinkSearch, spring: FootSpring, step: float | None
+    build: Callable[[], LoadedWorld], search: LinkSearch, spring: FootSpring, request: Request
 ) -> ModelSetting:
     """A spring of the feet as a setting of a user's world: notes, lines and the world with it.
 
-    step: at which the world was tuned in place of its own, s; None: its own.
+    request: with the step and gravity of the drops.
     """
     calls = search.calls(spring)
-    kept = "Friction, masses and step are as they were"
-    if step is not None:
-        kept = f"Friction and masses are as they were; the step must be {time_step(step)} s"
     notes = [
         "contactStiffness, N/m, and contactDamping, N s/m, act at each point of contact.",
-        f"{kept}; the rebound holds with them, in this pose with these motors.",
+        "Friction and masses are as they were; the rebound holds with them, in this pose with these "
+        "motors.",
+        *unwritten(request),
     ]
     if search.others:
         notes.append(f"{', '.join(search.others)} land on the floor, too, and keep their contact.")

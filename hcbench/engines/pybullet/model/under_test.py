@@ -79,6 +79,7 @@ from hcbench.sim.packages import Packages
 from hcbench.sim.touch import overlap_notes
 from hcbench.sim.world import Simulation
 from hcbench.system.errors import SceneError, UserError
+from hcbench.system.text import time_step
 from hcbench.terms.bounds import require_bounds
 from hcbench.terms.impact import Impact, Launch
 
@@ -390,6 +391,8 @@ class PybulletModel(ModelUnderTest):
         notes += unit_notes(first.name, *mass_and_volumes(self.bullet, first.body))
         if self.place.note:
             notes = [self.place.note, *notes]
+        if self.world.files and self.request.gravity is None and not any(self._gravity()):
+            notes = ["These files set no gravity, so none acts: --gravity 9.81 adds it.", *notes]
         if self.place.face is not None and self.place.face.points == 1:
             notes.append(_ONE_POINT)
         return Facts(
@@ -716,13 +719,27 @@ def model_settings(
                     got = f"{part.name!r} is the first of one pair and the second of another"
                     advice = "Restitutions multiply: tune one pair after the other"
                     raise UserError("pair", got, "each part on one side", advice)
+    needed = unwritten(requests[0])
     if 0.0 < still < slowest:
-        rests = (f"Below {still:.2g} m/s nothing bounces, so that bodies come to rest.",)
-        yield _restitution(places, e, still, build, rests)
-    never: tuple[str, ...] = ()
+        rests = f"Below {still:.2g} m/s nothing bounces, so that bodies come to rest."
+        yield _restitution(places, e, still, build, (rests, *needed))
     if still > 0.0:
-        never = ("Bodies with this restitution hop for ever in place of a rest.",)
-    yield _restitution(places, e, 0.0, build, never)
+        needed = (*needed, "Bodies with this restitution hop for ever in place of a rest.")
+    yield _restitution(places, e, 0.0, build, needed)
+
+
+def unwritten(request: Request) -> tuple[str, ...]:
+    """A sentence on the step and gravity of a request, which no line of a setting makes; none where
+    it has those of the world.
+    """
+    calls = []
+    if request.timestep is not None:
+        calls.append(f"setTimeStep({time_step(request.timestep)})")
+    if request.gravity is not None:
+        calls.append(f"setGravity({', '.join(f'{g:g}' for g in request.gravity)})")
+    if not calls:
+        return ()
+    return (f"The world must have {' and '.join(calls)}, with which this was tuned.",)
 
 
 def _restitution(
