@@ -52,6 +52,7 @@ LIMIT_S = 600.0
 _NODES = 13
 # Of a first look at how far a family reaches, and by how much that may be wrong.
 _FEW_NODES = 7
+_FEW_PHASES = 4
 _SLACK = 0.02
 # Angles from the normal of launches that slide, rad, at so many phases.
 _OBLIQUE = (math.radians(45.0), math.radians(70.0))
@@ -250,7 +251,11 @@ def _randomized(job: Job) -> RandomWorlds:
     before = UNKNOWN
     if isinstance(engine, TunesModels):
         before = engine.standing(source, None, requests)
-    rise = _rise(lambda request: engine.open(rebuild() if rebuild else source, request), requests)
+
+    def opened(request: Request) -> ModelUnderTest:
+        return engine.open(rebuild() if rebuild else source, request)
+
+    rise: float | None = None
     faults: list[str] = []
     reached: list[Band] = []
     for family in engine.contact_families(source, requests, rebuild):
@@ -260,17 +265,20 @@ def _randomized(job: Job) -> RandomWorlds:
             faults.append(f"{family.name}: {fault[0]}")
             continue
         frictions = _frictions(job)
-        # Closer near 0, where e changes fastest.
-        few = MOST_NOMINAL * np.linspace(0.0, 1.0, _FEW_NODES) ** 2
-        maps = _measured_maps(family, requests, frictions[len(frictions) // 2 :][:1], few)
-        if _covers(maps.reach, job.restitution, _SLACK):
-            maps = _measured_maps(family, requests, frictions, maps.nodes(job.restitution))
-        if not _covers(maps.reach, job.restitution):
-            reached.append(maps.reach)
-        elif _rise_in(family, maps, requests, job) > max(MAX_ERROR, WORSE * rise):
+        maps = _first_look(family, requests, float(frictions[len(frictions) // 2]))
+        if _covers(_reach(maps), job.restitution, _SLACK):
+            nodes = _nodes(maps, job.restitution)
+            maps = _measured_maps(family, requests, frictions, nodes, _PHASES)
+        if not _covers(_reach(maps), job.restitution):
+            reached.append(_reach(maps))
+            continue
+        # Of the model as it is; a band out of reach is refused without it.
+        if rise is None:
+            rise = _rise(opened, requests)
+        if _rise_in(family, maps, requests, job) > max(MAX_ERROR, WORSE * rise):
             faults.append(f"{family.name}: sliding throws it up more than the model as it is")
-        else:
-            return _drawn(family, maps, requests, job, before)
+            continue
+        return _drawn(family, maps, requests, job, before)
     raise _out_of_reach(job, reached, faults)
 
 
@@ -287,22 +295,29 @@ def _out_of_reach(job: _RandomizeJob, reached: list[Band], faults: list[str]) ->
 
 
 def _rise_in(
-    family: ContactFamily, maps: _Maps, requests: Sequence[Request], job: _RandomizeJob
+    family: ContactFamily, maps: Sequence[_Map], requests: Sequence[Request], job: _RandomizeJob
 ) -> float:
     """Largest rise of e by sliding, at both ends of the job's band of e and with its highest μ.
 
-    maps: tell the nominal e at which the family has an e of the band. Infinite where a launch has
-    no e.
+    maps: of the pairs, which tell the nominal e at which they have an e of the band. Infinite where
+    a launch has no e.
     """
-    mu = None if job.friction is None else job.friction[1]
+    most = _corners(job)[-1]
 
     def opened(e: float, request: Request) -> ModelUnderTest:
         model = family.open(request)
-        nominal = maps.nominal_of(np.array([e]), None if mu is None else np.array([mu]))
-        family.set(model, family.one(float(nominal.mean()), mu), 0)
+        family.set(model, _one_world(family, maps, e, most), 0)
         return model
 
     return max(_rise(partial(opened, e), requests) for e in job.restitution)
+
+
+def _one_world(
+    family: ContactFamily, maps: Sequence[_Map], e: float, mu: float | None
+) -> dict[str, Floats]:
+    """Parameters of one world in which every pair has an e, and a μ unless it is the model's own."""
+    friction = None if mu is None else np.array([mu])
+    return family.parameters(_nominal_of(maps, np.array([e]), friction), friction)
 
 
 def _rise(opened: Callable[[Request], ModelUnderTest], requests: Sequence[Request]) -> float:
@@ -348,48 +363,48 @@ def _rest_faults(
 
 
 @dataclass(frozen=True, slots=True)
-class _Maps:
-    """From nominal e to measured e, of each kind of pair and at each friction.
+class _Map:
+    """From the nominal e of one pair to its measured e, at each of some frictions.
 
-    kinds: numbers of the first pair of each kind. frictions: μ; (nan,) for the model's own.
-    nominal: (nodes,). measured: (kinds, frictions, nodes), rising along the last axis.
-    friction: measured at each of `frictions`; () where it is not randomised.
+    frictions: μ, (m,); (nan,) for the model's own. nominal: (nodes,).
+    measured: (m, nodes), rising along the last axis.
     """
 
-    kinds: tuple[int, ...]
     frictions: Floats
     nominal: Floats
     measured: Floats
 
     @property
     def reach(self) -> Band:
-        """Lowest and highest e that every pair has at every friction."""
-        return float(self.measured[..., 0].max()), float(self.measured[..., -1].min())
-
-    def nodes(self, band: Band) -> Floats:
-        """Nominal e at which the pairs have about evenly spaced e over a band and a little more."""
-        low = max(band[0] - _SLACK, self.reach[0])
-        high = min(band[1] + _SLACK, self.reach[1])
-        found = np.unique(self.nominal_of(np.linspace(low, high, _NODES), None))
-        return np.unique([self.nominal[0], *found, self.nominal[-1]])
+        """Lowest and highest e that the pair has at every friction."""
+        return float(self.measured[:, 0].max()), float(self.measured[:, -1].min())
 
     def nominal_of(self, restitution: Floats, friction: Floats | None) -> Floats:
-        """Nominal e by which each kind has an e at a friction, (n, kinds).
+        """Nominal e by which the pair has an e at a friction, (n,).
 
-        restitution: (n,), within reach. friction: (n,).
+        restitution: (n,), within reach. friction: (n,); None where one friction was measured.
         """
-        found = np.empty((len(restitution), len(self.kinds)))
-        for kind, curves in enumerate(self.measured):
-            at_each = np.array([_inverse(curve, self.nominal, restitution) for curve in curves])
-            if friction is None or len(self.frictions) == 1:
-                found[:, kind] = at_each[0]
-                continue
-            place = np.interp(friction, self.frictions, np.arange(len(self.frictions)))
-            left = np.minimum(place.astype(int), len(self.frictions) - 2)
-            share = place - left
-            worlds = np.arange(len(restitution))
-            found[:, kind] = (1 - share) * at_each[left, worlds] + share * at_each[left + 1, worlds]
-        return found
+        at_each = np.array([_inverse(curve, self.nominal, restitution) for curve in self.measured])
+        if friction is None or len(self.frictions) == 1:
+            return np.asarray(at_each[0])
+        place = np.interp(friction, self.frictions, np.arange(len(self.frictions)))
+        left = np.minimum(place.astype(int), len(self.frictions) - 2)
+        share = place - left
+        worlds = np.arange(len(restitution))
+        return np.asarray((1 - share) * at_each[left, worlds] + share * at_each[left + 1, worlds])
+
+
+def _reach(maps: Sequence[_Map]) -> Band:
+    """Lowest and highest e that every pair has at every friction."""
+    lows, highs = zip(*(each.reach for each in maps), strict=True)
+    return max(lows), min(highs)
+
+
+def _nominal_of(maps: Sequence[_Map], restitution: Floats, friction: Floats | None) -> Floats:
+    """Nominal e by which each pair has an e at a friction, (n, pairs); arguments of
+    `_Map.nominal_of`.
+    """
+    return np.stack([each.nominal_of(restitution, friction) for each in maps], axis=1)
 
 
 def _inverse(measured: Floats, nominal: Floats, restitution: Floats) -> Floats:
@@ -413,45 +428,82 @@ def _covers(reach: Band, band: Band, slack: float = 0.0) -> bool:
     return reach[0] - slack <= band[0] and band[1] <= reach[1] + slack
 
 
-def _measured_maps(
-    family: ContactFamily, requests: Sequence[Request], frictions: Floats, nominal: Floats
-) -> _Maps:
-    """Measure e of a family over its nominal e, for each kind of pair and friction.
-
-    frictions: μ, (m,). nominal: (nodes,), rising.
-
-    Nodes without an e, and those beyond which e falls, are left out of a map: its reach ends there.
+def _first_look(family: ContactFamily, requests: Sequence[Request], mu: float) -> list[_Map]:
+    """A coarse map of each pair at one friction, which is NaN for the model's own: it shows how far
+    the family reaches.
     """
-    kinds = tuple(sorted(set(family.kinds)))
-    measured = np.empty((len(kinds), len(frictions), len(nominal)))
-    phases = tuple((i + 0.5) / _PHASES for i in range(_PHASES))
-    for kind, number in enumerate(kinds):
-        sent = dataclasses.replace(requests[number], phases=phases)
-        with family.open(requests[number]) as model:
+    # Closer near 0, where e changes fastest.
+    nominal = MOST_NOMINAL * np.linspace(0.0, 1.0, _FEW_NODES) ** 2
+    nodes = np.repeat(nominal[:, None], len(requests), axis=1)
+    return _measured_maps(family, requests, np.array([mu]), nodes, _FEW_PHASES)
+
+
+def _nodes(coarse: Sequence[_Map], band: Band) -> Floats:
+    """Nominal e of worlds in which all pairs have about one e, evenly spaced over a band and a
+    little more, and of the two ends, (nodes, pairs).
+
+    coarse: maps of a first look.
+    """
+    reach = _reach(coarse)
+    low = max(band[0] - _SLACK, reach[0])
+    high = min(band[1] + _SLACK, reach[1])
+    inside = _nominal_of(coarse, np.linspace(low, high, _NODES), None)
+    ends = np.array([[each.nominal[0], each.nominal[-1]] for each in coarse]).T
+    return np.concatenate([ends[:1], inside, ends[1:]])
+
+
+def _measured_maps(
+    family: ContactFamily,
+    requests: Sequence[Request],
+    frictions: Floats,
+    nodes: Floats,
+    phases: int,
+) -> list[_Map]:
+    """Measure a map of each pair: feet of one robot that weigh the same at the touch can differ in
+    e by 0.15, as all four legs bend the same way.
+
+    frictions: μ, (m,). nodes: nominal e of all pairs, (nodes, pairs), rising along the first axis:
+    feet that land together change each other's e. phases: places in a step, of launches at each.
+    """
+    phase = tuple((i + 0.5) / phases for i in range(phases))
+    maps = []
+    for request, nominal in zip(requests, nodes.T, strict=True):
+        sent = dataclasses.replace(request, phases=phase).launches()
+        measured = np.empty((len(frictions), len(nominal)))
+        with family.open(request) as model:
             for place, mu in enumerate(frictions.tolist()):
-                for node, e in enumerate(nominal.tolist()):
-                    family.set(model, family.one(e, None if math.isnan(mu) else mu), 0)
-                    impacts = impacts_in(model, sent.launches())
-                    measured[kind, place, node] = np.mean([i.restitution for i in impacts])
+                friction = None if math.isnan(mu) else np.full(len(nominal), mu)
+                parameters = family.parameters(nodes, friction)
+                for node in range(len(nominal)):
+                    family.set(model, parameters, node)
+                    impacts = impacts_in(model, sent)
+                    measured[place, node] = np.mean([i.restitution for i in impacts])
+        maps.append(_map_of(frictions, nominal, measured))
+    return maps
+
+
+def _map_of(frictions: Floats, nominal: Floats, measured: Floats) -> _Map:
+    """The map of a pair from what was measured at every node; arguments as of `_Map`.
+
+    Nodes without an e, and those beyond which e falls, are left out: its reach ends there.
+    """
     good = _rising(measured)
-    return _Maps(
-        kinds, frictions, nominal[good], np.maximum.accumulate(measured[..., good], axis=-1)
-    )
+    return _Map(frictions, nominal[good], np.maximum.accumulate(measured[:, good], axis=-1))
 
 
 def _rising(measured: Floats) -> slice:
     """The longest run of nodes at which all have an e, and along which no e falls by much.
 
-    measured: (kinds, frictions, nodes).
+    measured: (frictions, nodes).
     """
     longest = slice(0, 1)
     start = 0
     count = measured.shape[-1]
     for node in range(count):
-        so_far = measured[..., start : node + 1]
+        so_far = measured[:, start : node + 1]
         falls = (np.maximum.accumulate(so_far, axis=-1) - so_far).max() > _FALLS
         if falls or not np.isfinite(so_far).all():
-            start = node if np.isfinite(measured[..., node]).all() else node + 1
+            start = node if np.isfinite(measured[:, node]).all() else node + 1
         if node + 1 - start > longest.stop - longest.start:
             longest = slice(start, node + 1)
     return longest
@@ -483,31 +535,27 @@ def _within(band: Band, shares: Floats) -> Floats:
 
 def _drawn(
     family: ContactFamily,
-    maps: _Maps,
+    maps: Sequence[_Map],
     requests: Sequence[Request],
     job: _RandomizeJob,
     before: Standing,
 ) -> RandomWorlds:
     """Draw the worlds of a family, and certify some of them by launches.
 
-    maps: tell the nominal e at which a kind of pair has an e. requests: one a pair. before: the
-    model as it is, at rest.
+    maps, requests: one a pair. before: the model as it is, at rest.
     """
     random = np.random.default_rng(job.seed)
     shares, certified = sliced(job.worlds, 2, random)
     restitution = _within(job.restitution, shares[:, 0])
     friction = None if job.friction is None else _within(job.friction, shares[:, 1])
-    by_kind = maps.nominal_of(restitution, friction)
-    nominal = by_kind[:, [maps.kinds.index(kind) for kind in family.kinds]]
-    parameters = family.parameters(nominal, friction)
+    parameters = family.parameters(_nominal_of(maps, restitution, friction), friction)
     models = [family.open(request) for request in requests]
     certificate = _certificate(family, models, requests, job, parameters, certified, random)
     after = []
     for e in dict.fromkeys(job.restitution):
         for mu in _corners(job):
-            of_kind = maps.nominal_of(np.array([e]), None if mu is None else np.array([mu]))
-            for model, kind in zip(models, family.kinds, strict=True):
-                family.set(model, family.one(float(of_kind[0, maps.kinds.index(kind)]), mu), 0)
+            for model in models:
+                family.set(model, _one_world(family, maps, e, mu), 0)
             after.append(family.standing(models))
     return RandomWorlds(
         parameters=parameters,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
-from hcbench.engines.mujoco.model.bodies import effective_mass
+from hcbench.engines.mujoco.model.bodies import effective_mass, geom_friction
 from hcbench.engines.mujoco.model.pair import BOTH_SIDES
 from hcbench.engines.mujoco.model.pair_reader import MujocoAlongPlate
 from hcbench.sim.rest import (
@@ -93,11 +93,16 @@ def stands_on_world(opened: OpenedModel) -> bool:
     return not opened.model.body_weldid[opened.place.pair.second.body]
 
 
+def _friction_of(opened: OpenedModel) -> float:
+    """μ of the pair."""
+    return geom_friction(opened.model, opened.place.contact.geoms)
+
+
 def rest_on_slope(opened: OpenedModel, data: Any) -> tuple[float, Rest]:
     """(slope, rad; rest on it) of a pair from a state at rest, which is moved on; gravity is turned.
     The rest is NaN where the pair has no friction.
     """
-    angle = slope_of(opened.facts().friction)
+    angle = slope_of(_friction_of(opened))
     if not angle > 0.0:
         return angle, Rest(*[math.nan] * 4)
     return angle, _rest(opened, data, _tilted(opened, angle))
@@ -254,7 +259,7 @@ def _hold(one: OpenedModel, other: OpenedModel) -> float:
     towards the body by the force that friction needs; then gravity pulls at the body.
     """
     model = one.model
-    friction = one.facts().friction
+    friction = _friction_of(one)
     if not friction > 0.0:
         return math.nan
     gravity = np.array(model.opt.gravity)
@@ -487,7 +492,7 @@ def _friction(opened: OpenedModel, resting: Any, touch: _ForceAtTouch) -> list[f
     ways = [axis for axis in touch.axes if mass(axis) < most]
     if len(ways) > 1:
         ways.append((ways[0] + ways[1]) / math.sqrt(2.0))
-    size = push_of(opened.facts().friction, touch.normal)
+    size = push_of(_friction_of(opened), touch.normal)
     limits = []
     for way in ways:
         data = copy.copy(resting)

@@ -22,7 +22,6 @@ from hcbench.engines.mujoco.model.write_pairs import (
     SOFT_IMPEDANCE,
     label_of,
     one_step,
-    sliding_mobility,
     slip_under_load,
     spec_of,
     spring_row,
@@ -84,12 +83,7 @@ class PairWorlds(ContactFamily):
         self._model = self._written.spec.compile()
         self.notes = tuple(self._written.notes)
         self.slides = any(pair.load.slides for pair in pairs)
-        # Of each kind, the number of its first pair.
-        numbers: dict[object, int] = {}
-        self.kinds = tuple(numbers.setdefault(pair.like, i) for i, pair in enumerate(pairs))
-        self.mobility = tuple(
-            sliding_mobility(pair.place, pair.load) / pair.load.strength for pair in pairs
-        )
+        self.mobility = tuple(pair.sliding_mobility / pair.load.strength for pair in pairs)
         # Of each <pair>: its place in this list, its number in the model, and the part of the
         # row's solref that it has: several points share one row's strength.
         self._numbers: list[tuple[int, int, Floats]] = []
@@ -192,7 +186,7 @@ def _spring_row(
 
 def _weight(pair: PairToTune, impedance: float, impratio: float) -> float:
     """Weight d/(1 - d) of a pair's friction row along the way that slides most easily."""
-    return impedance / (1.0 - impedance) * impratio * sliding_mobility(pair.place, pair.load)
+    return impedance / (1.0 - impedance) * impratio * pair.sliding_mobility
 
 
 def _impratio(model: Any, pairs: Sequence[PairToTune], impedance: float) -> float:
