@@ -222,6 +222,7 @@ class Standing:
     step_time: of CPU, s.
     force_noise: standard deviation of the contact force over its mean.
     slope: rad.
+    falls: true for a model that falls over on the level; its drift and vibration are NaN.
     """
 
     penetration: float
@@ -233,6 +234,7 @@ class Standing:
     step_time: float
     force_noise: float = math.nan
     slope: float = math.nan
+    falls: bool = False
 
     @classmethod
     def of(
@@ -243,9 +245,10 @@ class Standing:
         hop: float,
         cost: tuple[float, float],
         slope: float,
+        falls: bool = False,
     ) -> Standing:
         """Made of rests on the level and on a slope (rad), drift in a
-        grasp, hop of a slide, (iterations, time) of a step.
+        grasp, hop of a slide, (iterations, time) of a step. falls: as in the class.
         """
         return cls(
             rest.penetration,
@@ -256,6 +259,7 @@ class Standing:
             *cost,
             rest.force_noise,
             slope,
+            falls,
         )
 
     @property

@@ -40,7 +40,7 @@ from hcbench.tuning.answer import MAX_ERROR
 from hcbench.tuning.random_worlds import Band, Certificate, RandomWorlds
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from hcbench.terms.impact import Floats, Impact
 
@@ -67,6 +67,8 @@ _LEAST_CERTIFIED = 40
 # measured is that of the next, so that the launch slides throughout.
 _SLIPS = (2.0, 4.0, 8.0, 16.0)
 _SAME_FRICTION = 0.01
+# Share of its slip that a launch keeps that slides throughout; joints can pull a foot back.
+_KEPT_SLIP = 0.25
 _SLIDING_PHASES = 2
 # A map that falls by more than this has more than one contact of one e.
 _FALLS = 0.03
@@ -395,9 +397,9 @@ class _Map:
 
 
 def _reach(maps: Sequence[_Map]) -> Band:
-    """Lowest and highest e that every pair has at every friction."""
+    """Lowest and highest e that every pair has at every friction, without gain of energy."""
     lows, highs = zip(*(each.reach for each in maps), strict=True)
-    return max(lows), min(highs)
+    return max(lows), min(*highs, MOST_NOMINAL)
 
 
 def _nominal_of(maps: Sequence[_Map], restitution: Floats, friction: Floats | None) -> Floats:
@@ -566,12 +568,36 @@ def _drawn(
         seed=job.seed,
         facts=tuple(model.facts() for model in models),
         name=family.name,
-        notes=family.notes,
+        notes=(*family.notes, *_notes(before, certificate, models)),
         certificate=certificate,
         before=before,
         after=tuple(after),
         texts=family.texts(job.output),
     )
+
+
+def _notes(
+    before: Standing, certificate: Certificate, models: Sequence[ModelUnderTest]
+) -> Iterator[str]:
+    """Sentences on what the certificate does not compare.
+
+    before: the model as it is, at rest. models: one a pair.
+    """
+    if before.falls:
+        yield (
+            "Your model falls over in this pose, so its drift on a slope and its vibration say "
+            "nothing and are not compared."
+        )
+    if certificate.friction is None:
+        return
+    of_pair = np.arange(len(certificate.worlds)) % len(models)
+    for number, model in enumerate(models):
+        if np.isnan(certificate.friction[of_pair == number]).all():
+            first, second = model.facts().pair
+            yield (
+                f"The joints of {first} keep it from sliding on {second}: its μ is set as drawn, "
+                "but not measured."
+            )
 
 
 def _certificate(
@@ -589,11 +615,12 @@ def _certificate(
     numbers of the worlds to launch in, (n,). random: draws the phases.
     """
     speeds = np.array(job.request.speeds)
-    sliding = None
+    sliding: list[Request | None] = [None] * len(models)
     if job.friction is not None:
         sliding = _sliding_launches(family, models, requests, job)
     restitution = np.empty((len(certified), len(speeds)))
-    lowest, highest, rubbed = np.empty((3, len(certified)))
+    lowest, highest = np.empty((2, len(certified)))
+    rubbed = np.full(len(certified), math.nan)
     gained = -math.inf
     launches = 0
     for row, world in enumerate(certified.tolist()):
@@ -607,10 +634,11 @@ def _certificate(
         lowest[row] = e.min()
         highest[row] = e.max()
         launches += len(impacts)
-        if sliding is None:
+        slides = sliding[number]
+        if slides is None:
             continue
         phases = tuple((np.arange(_SLIDING_PHASES) + random.random()) / _SLIDING_PHASES)
-        slid = impacts_in(model, dataclasses.replace(sliding[number], phases=phases).launches())
+        slid = impacts_in(model, dataclasses.replace(slides, phases=phases).launches())
         rubbed[row] = _friction_of(slid)
         gained = max(
             gained, *(-impact.tangential.energy_lost for impact in slid if impact.tangential)
@@ -622,7 +650,7 @@ def _certificate(
         restitution=restitution,
         lowest=lowest,
         highest=highest,
-        friction=None if sliding is None else rubbed,
+        friction=None if job.friction is None else rubbed,
         energy_gained=gained,
         launches=launches,
     )
@@ -633,15 +661,16 @@ def _sliding_launches(
     models: Sequence[ModelUnderTest],
     requests: Sequence[Request],
     job: _RandomizeJob,
-) -> list[Request]:
-    """Oblique launches of each pair that slide throughout, in worlds with the most friction.
+) -> list[Request | None]:
+    """Oblique launches of each pair that slide throughout, in worlds with the most friction; None
+    of a pair whose joints keep it from sliding, such as a finger on a slide.
 
     models: opened, one a pair; they are left with other parameters than those of a world.
     requests: of these.
     """
     assert job.friction is not None
     most = job.friction[1]
-    sent = []
+    sent: list[Request | None] = []
     for model, request, mobility in zip(models, requests, family.mobility, strict=True):
         family.set(model, family.one(job.restitution[1], most), 0)
         stops = mobility * (1.0 + job.restitution[1]) * most
@@ -651,12 +680,27 @@ def _sliding_launches(
             )
             for slips in _SLIPS
         ]
-        measured = [_friction_of(impacts_in(model, each.launches())) for each in tried]
+        try:
+            slid = [impacts_in(model, each.launches()) for each in tried]
+        except UserError:
+            sent.append(None)
+            continue
+        measured = [_friction_of(impacts) for impacts in slid]
         alike = np.abs(np.diff(measured)) <= _SAME_FRICTION * most
-        sent.append(tried[int(alike.argmax()) if alike.any() else -1])
+        good = alike & [_slides_on(impacts) for impacts in slid[:-1]]
+        sent.append(tried[int(good.argmax())] if good.any() else None)
     return sent
+
+
+def _slides_on(impacts: Sequence[Impact]) -> bool:
+    """Say whether all impacts end with a good part of the slip with which they began."""
+    slips = [(i.tangential.slip_in, i.tangential.slip_out) for i in impacts if i.tangential]
+    return bool(slips) and all(
+        np.dot(after, before) > _KEPT_SLIP * np.dot(before, before) for before, after in slips
+    )
 
 
 def _friction_of(impacts: Sequence[Impact]) -> float:
     """Mean impulse of friction over that of the normal force; NaN where none was measured."""
-    return float(np.mean([i.tangential.impulse_ratio for i in impacts if i.tangential is not None]))
+    ratios = [i.tangential.impulse_ratio for i in impacts if i.tangential is not None]
+    return float(np.mean(ratios)) if ratios else math.nan
