@@ -44,6 +44,8 @@ if TYPE_CHECKING:
 # do to the approach out of it: feet of robots reach a higher e.
 _SOFT = SOFT_IMPEDANCE
 _STIFF = 0.5
+# Mobility along the plate over that along the normal, below which joints keep a pair from sliding.
+_LEAST_MOBILITY = 1e-6
 # Least weight d/(1 - d) of a friction row.
 _FRICTION_WEIGHT = 1.0
 # Least impratio of a stiff spring, with which feet creep less than with MuJoCo's default.
@@ -177,11 +179,16 @@ def _spring_row(
     if impedance > _SOFT:
         load = replace(load, strength=1.0)
     row = spring_row(e, steps, load, (impedance, impedance, 1.0, 0.5, 1.0))
-    if not load.slides:
+    if not _can_slide(pair):
         return row
     weight = _weight(pair, impedance, impratio)
     damping = impedance * (1.0 + weight) / weight / load.timestep
     return ConstraintRow(row.solref, row.solimp, solreffriction=(0.0, -damping))
+
+
+def _can_slide(pair: PairToTune) -> bool:
+    """Say whether a pair has friction, and joints that let it slide."""
+    return pair.load.slides and pair.sliding_mobility > _LEAST_MOBILITY
 
 
 def _weight(pair: PairToTune, impedance: float, impratio: float) -> float:
@@ -193,7 +200,7 @@ def _impratio(model: Any, pairs: Sequence[PairToTune], impedance: float) -> floa
     """The impratio with which every friction row is heavy enough to hold, and creeps no faster than
     the user's own; two digits.
 
-    model: compiled, as the user has it. pairs: those without friction ask for nothing. impedance:
+    model: compiled, as the user has it. pairs: those that cannot slide ask for nothing. impedance:
     of the normal row.
     """
     own = float(model.opt.impratio)
@@ -203,7 +210,7 @@ def _impratio(model: Any, pairs: Sequence[PairToTune], impedance: float) -> floa
         needed = max(needed, _STIFF_IMPRATIO)
     solimp = (impedance, impedance, 1.0, 0.5, 1.0)
     for pair in pairs:
-        if not pair.load.slides:
+        if not _can_slide(pair):
             continue
         needed = max(needed, _FRICTION_WEIGHT / _weight(pair, impedance, 1.0))
         # The damping of a row of any weight is at least this.
