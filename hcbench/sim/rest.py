@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -234,7 +234,7 @@ class Standing:
     step_time: float
     force_noise: float = math.nan
     slope: float = math.nan
-    falls: bool = False
+    falls: bool = field(default=False, kw_only=True)
 
     @classmethod
     def of(
@@ -259,7 +259,7 @@ class Standing:
             *cost,
             rest.force_noise,
             slope,
-            falls,
+            falls=falls,
         )
 
     @property
