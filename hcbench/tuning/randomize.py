@@ -19,6 +19,7 @@ from hcbench.measuring.request import make_request, read_limit
 from hcbench.sim.capabilities import MOST_NOMINAL, ContactFamily, RandomizesContacts, TunesModels
 from hcbench.sim.columns import Whole
 from hcbench.sim.model_under_test import BESIDE, ModelUnderTest, Output, Request
+from hcbench.sim.passivity import MOST_E
 from hcbench.sim.rest import UNKNOWN, WORSE, Standing
 from hcbench.sim.simulate import impacts_in
 from hcbench.system.errors import LimitPassed, UserError
@@ -50,10 +51,13 @@ SPEEDS = "0.5, 1, 2 m/s"
 LIMIT_S = 600.0
 # Nominal e at which the map is measured, and the phases of a step at each.
 _NODES = 13
-# Of a first look at how far a family reaches, and by how much that may be wrong.
-_FEW_NODES = 7
+# Of a first look at how far a family reaches, and by how much that may be wrong. Closer near 0,
+# where e changes fastest, and near 1, where one launch of several gains energy.
+_FEW_NODES = (0.0, 0.03, 0.11, 0.25, 0.45, 0.7, 0.85, 0.95, MOST_NOMINAL)
 _FEW_PHASES = 4
 _SLACK = 0.02
+# Between the reach that is measured and the one that is named to a user.
+_MARGIN = 0.01
 # Angles from the normal of launches that slide, rad, at so many phases.
 _OBLIQUE = (math.radians(45.0), math.radians(70.0))
 _OBLIQUE_PHASES = 4
@@ -257,7 +261,8 @@ def _randomized(job: Job) -> RandomWorlds:
 
     rise: float | None = None
     faults: list[str] = []
-    reached: list[Band] = []
+    # Families that do not reach the band, with a first look at how far they do.
+    short: list[tuple[ContactFamily, list[_Map]]] = []
     for family in engine.contact_families(source, requests, rebuild):
         if job.friction is not None and not family.slides:
             raise UserError("friction", "a band", "a pair with friction", "Its condim is 1")
@@ -265,12 +270,13 @@ def _randomized(job: Job) -> RandomWorlds:
             faults.append(f"{family.name}: {fault[0]}")
             continue
         frictions = _frictions(job)
-        maps = _first_look(family, requests, float(frictions[len(frictions) // 2]))
-        if _covers(_reach(maps), job.restitution, _SLACK):
-            nodes = _nodes(maps, job.restitution)
+        rough = _first_look(family, requests, float(frictions[len(frictions) // 2]))
+        maps = rough
+        if _covers(_reach(rough), job.restitution, _SLACK):
+            nodes = _nodes(rough, job.restitution)
             maps = _measured_maps(family, requests, frictions, nodes, _PHASES)
         if not _covers(_reach(maps), job.restitution):
-            reached.append(_reach(maps))
+            short.append((family, rough))
             continue
         # Of the model as it is; a band out of reach is refused without it.
         if rise is None:
@@ -278,20 +284,44 @@ def _randomized(job: Job) -> RandomWorlds:
         if _rise_in(family, maps, requests, job) > max(MAX_ERROR, WORSE * rise):
             faults.append(f"{family.name}: sliding throws it up more than the model as it is")
             continue
-        return _drawn(family, maps, requests, job, before)
-    raise _out_of_reach(job, reached, faults)
+        models = [family.open(request) for request in requests]
+        after = _at_corners(family, maps, models, job)
+        timestep = models[0].timestep
+        if fault := [words for each in after for words in each.rests_worse_than(before, timestep)]:
+            faults.append(f"{family.name}: {fault[0]}")
+            continue
+        return _drawn(family, maps, requests, job, (before, after))
+    if not short:
+        asked = f"{job.restitution[0]:g}:{job.restitution[1]:g}"
+        raise UserError("restitution", asked, f"a contact that rests as well ({faults[-1]})")
+    raise _out_of_reach(job, requests, short)
 
 
-def _out_of_reach(job: _RandomizeJob, reached: list[Band], faults: list[str]) -> UserError:
-    """The error for a band of e that no family of contacts has in this model."""
+def _out_of_reach(
+    job: _RandomizeJob,
+    requests: Sequence[Request],
+    short: Sequence[tuple[ContactFamily, Sequence[_Map]]],
+) -> UserError:
+    """The error for a band of e that no family of contacts has in this model, with the widest that
+    one has.
+
+    short: one or more families, with a first look at how far they reach. The widest is measured
+    again, since who is refused asks for what the error names.
+    """
+    family, rough = max(short, key=lambda each: _width(_reach(each[1])))
+    frictions = np.unique(_frictions(job)[[0, -1]])
+    nodes = _nodes(rough, (0.0, MOST_NOMINAL))
+    low, high = _reach(_measured_maps(family, requests, frictions, nodes, _PHASES))
     asked = f"{job.restitution[0]:g}:{job.restitution[1]:g}"
-    if not reached:
-        return UserError("restitution", asked, f"a contact that rests as well ({faults[-1]})")
-    low, high = max(reached, key=lambda band: band[1] - band[0])
+    # Two digits that lie in it.
+    low = math.ceil(100.0 * (low + _MARGIN)) / 100.0
+    high = math.floor(100.0 * (high - _MARGIN)) / 100.0
     advice = "A smaller --timestep, other --speeds or another pose reach others"
-    return UserError(
-        "restitution", asked, f"{low:.2g} ... {high:.2g}, the reach in this model", advice
-    )
+    return UserError("restitution", asked, f"{low:g} ... {high:g}, the reach in this model", advice)
+
+
+def _width(band: Band) -> float:
+    return band[1] - band[0]
 
 
 def _rise_in(
@@ -432,23 +462,21 @@ def _first_look(family: ContactFamily, requests: Sequence[Request], mu: float) -
     """A coarse map of each pair at one friction, which is NaN for the model's own: it shows how far
     the family reaches.
     """
-    # Closer near 0, where e changes fastest.
-    nominal = MOST_NOMINAL * np.linspace(0.0, 1.0, _FEW_NODES) ** 2
-    nodes = np.repeat(nominal[:, None], len(requests), axis=1)
+    nodes = np.repeat(np.array(_FEW_NODES)[:, None], len(requests), axis=1)
     return _measured_maps(family, requests, np.array([mu]), nodes, _FEW_PHASES)
 
 
-def _nodes(coarse: Sequence[_Map], band: Band) -> Floats:
+def _nodes(rough: Sequence[_Map], band: Band) -> Floats:
     """Nominal e of worlds in which all pairs have about one e, evenly spaced over a band and a
     little more, and of the two ends, (nodes, pairs).
 
-    coarse: maps of a first look.
+    rough: maps of a first look.
     """
-    reach = _reach(coarse)
+    reach = _reach(rough)
     low = max(band[0] - _SLACK, reach[0])
     high = min(band[1] + _SLACK, reach[1])
-    inside = _nominal_of(coarse, np.linspace(low, high, _NODES), None)
-    ends = np.array([[each.nominal[0], each.nominal[-1]] for each in coarse]).T
+    inside = _nominal_of(rough, np.linspace(low, high, _NODES), None)
+    ends = np.array([[each.nominal[0], each.nominal[-1]] for each in rough]).T
     return np.concatenate([ends[:1], inside, ends[1:]])
 
 
@@ -477,7 +505,9 @@ def _measured_maps(
                 for node in range(len(nominal)):
                     family.set(model, parameters, node)
                     impacts = impacts_in(model, sent)
-                    measured[place, node] = np.mean([i.restitution for i in impacts])
+                    e = np.array([i.restitution for i in impacts])
+                    # A node at which a launch gains energy has no e to offer.
+                    measured[place, node] = e.mean() if e.max() <= MOST_E else math.nan
         maps.append(_map_of(frictions, nominal, measured))
     return maps
 
@@ -538,11 +568,12 @@ def _drawn(
     maps: Sequence[_Map],
     requests: Sequence[Request],
     job: _RandomizeJob,
-    before: Standing,
+    stands: tuple[Standing, tuple[Standing, ...]],
 ) -> RandomWorlds:
     """Draw the worlds of a family, and certify some of them by launches.
 
-    maps, requests: one a pair. before: the model as it is, at rest.
+    maps, requests: one a pair. stands: the model at rest as it is, and in the worlds at the corners
+    of both bands.
     """
     random = np.random.default_rng(job.seed)
     shares, certified = sliced(job.worlds, 2, random)
@@ -551,12 +582,7 @@ def _drawn(
     parameters = family.parameters(_nominal_of(maps, restitution, friction), friction)
     models = [family.open(request) for request in requests]
     certificate = _certificate(family, models, requests, job, parameters, certified, random)
-    after = []
-    for e in dict.fromkeys(job.restitution):
-        for mu in _corners(job):
-            for model in models:
-                family.set(model, _one_world(family, maps, e, mu), 0)
-            after.append(family.standing(models))
+    before, after = stands
     return RandomWorlds(
         parameters=parameters,
         restitution=restitution,
@@ -569,9 +595,28 @@ def _drawn(
         notes=(*family.notes, *_notes(before, certificate, models)),
         certificate=certificate,
         before=before,
-        after=tuple(after),
+        after=after,
         texts=family.texts(job.output),
     )
+
+
+def _at_corners(
+    family: ContactFamily,
+    maps: Sequence[_Map],
+    models: Sequence[ModelUnderTest],
+    job: _RandomizeJob,
+) -> tuple[Standing, ...]:
+    """How the model stands in the worlds at the corners of both bands.
+
+    maps, models: one a pair.
+    """
+    after = []
+    for e in dict.fromkeys(job.restitution):
+        for mu in _corners(job):
+            for model in models:
+                family.set(model, _one_world(family, maps, e, mu), 0)
+            after.append(family.standing(models))
+    return tuple(after)
 
 
 def _notes(
