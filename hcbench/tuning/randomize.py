@@ -606,7 +606,7 @@ def _at_corners(
     models: Sequence[ModelUnderTest],
     job: _RandomizeJob,
 ) -> tuple[Standing, ...]:
-    """How the model stands in the worlds at the corners of both bands.
+    """Measure how the model stands in the worlds at the corners of both bands.
 
     maps, models: one a pair.
     """
