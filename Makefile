@@ -111,7 +111,7 @@ test-engines: $(INSTALLED)  ## tests of all engines from the package index, each
 	  $$($(BIN)/python -c "from hcbench.sim.install import names; print(*names())")
 	if command -v npm >/dev/null; then npm install --silent --prefix $(ENGINES)/node jolt-physics@1.1.0; fi
 	HCBENCH_ENGINES=$(abspath $(ENGINES)) $(BIN)/python -m pytest -n 2 --dist loadgroup \
-	  tests/sim/test_engines_from_index.py tests/engines/test_mjx_warp.py tests/engines/test_worlds_loaded.py tests/engines/test_newton.py tests/engines/test_physx.py \
+	  tests/sim/test_engines_from_index.py tests/engines/test_steps_of_robots.py tests/engines/test_mjx_warp.py tests/engines/test_worlds_loaded.py tests/engines/test_newton.py tests/engines/test_physx.py \
 	  tests/engines/test_opensim.py tests/reporting/test_field.py tests/cases
 
 bench: $(INSTALLED)  ## every speed claim, measured against the alternatives; updates benchmarks/README.md

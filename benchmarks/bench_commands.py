@@ -32,10 +32,10 @@ def took(*command: str) -> float:
     return time.perf_counter() - began
 
 
-def processor(*command: str) -> float:
-    """Seconds of a processor that a command and its workers take."""
+def processor(*command: str, code: int = 0) -> float:
+    """Seconds of a processor that a command and its workers take until it exits with a code."""
     before = os.times()
-    subprocess.run(command, check=True, capture_output=True)
+    assert subprocess.run(command, capture_output=True, check=False).returncode == code
     after = os.times()
     return (
         after.children_user + after.children_system - before.children_user - before.children_system
@@ -87,6 +87,8 @@ PAIR = (MODEL, "--pair", "ball,plate")
 MEASURED = (*PAIR, "--speeds", "0.1, 0.3 m/s")
 QUADRUPED = "examples/quadruped.xml"
 FOOT = (QUADRUPED, "--pair", "left_front_foot,floor")
+FEET = [f"{side}_{end}_foot,floor" for side in ("left", "right") for end in ("front", "hind")]
+DRAW = ("randomize", QUADRUPED, *(word for foot in FEET for word in ("--pair", foot)))
 TUNE = ("tune", "mujoco", "--alpha", "0.3 s/m", "--timestep", "2 ms")
 FINE = ("tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "10 us")
 LONG_S = 3.0  # a command that may take longer is measured twice in place of four times
@@ -172,6 +174,23 @@ def test_the_share_of_steps(
         must="",
         aim=aim,
     )
+
+
+@pytest.mark.parametrize(
+    ("what", "bands", "code", "must", "aim"),
+    [
+        # Two cores that idle have 120 s in a minute.
+        ("4096 worlds", ("--restitution", "0.3:0.6", "--friction", "0.5:1"), 0, "120 s", "20 s"),
+        ("a band out of reach", ("--restitution", "0.01:0.9"), 2, "10 s", "5 s"),
+    ],
+)
+def test_processor_time_of_drawing_worlds(
+    beside: Any, what: str, bands: tuple[str, ...], code: int, must: str, aim: str
+) -> None:
+    """Processor time of `randomize` with the four feet of README's quadruped."""
+    draw = {"hcbench": lambda: processor(HCBENCH, *DRAW, *bands, code=code)}
+    what = f"hcbench randomize of four feet, {what}, processor time"
+    beside(what, draw, rounds=1, must=must, aim=aim)
 
 
 def test_processor_time_of_a_fit(beside: Any, tmp_path: Path) -> None:

@@ -150,8 +150,11 @@ def _print(drawn: RandomWorlds) -> None:
     )
     if drawn.friction_band is not None:
         low, high = drawn.friction_band
-        within = as_bound(max(_largest(drawn.friction_errors), _FINEST))
-        show(f"  μ {low:g} ... {high:g}: within {within} of what was drawn{_p(drawn.p_friction)}")
+        measured = "set as drawn, not measured"
+        if len(drawn.friction_errors):
+            within = as_bound(max(_largest(drawn.friction_errors), _FINEST))
+            measured = f"within {within} of what was drawn{_p(drawn.p_friction)}"
+        show(f"  μ {low:g} ... {high:g}: {measured}")
     show(f"  largest e of one launch {certificate.highest.max():.3f}: no launch gains energy")
     show("\n" + "\n".join(_table(drawn)))
     show("\nthe parameters belong to the model with these lines:\n")

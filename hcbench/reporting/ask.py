@@ -205,9 +205,11 @@ def _without_uncompiled(study: Study, warn: Callable[[str], None]) -> Study:
         if not recipe.native:
             plugged.setdefault(run.engine, []).append(run)
     for name, with_plugin in plugged.items():
-        engine = registry.engine(name)
-        if not isinstance(engine, HasPlugin):
+        # Of an engine in an environment of its own only the adapter says what it has.
+        if not isinstance(registry.adapter(name), HasPlugin):
             continue
+        engine = registry.engine(name)
+        assert isinstance(engine, HasPlugin), "an environment wraps what its adapter has"
         try:
             engine.plugin()
         except NotCompiled as error:

@@ -45,7 +45,6 @@ class ContactFamily(ABC):
     """Contacts of a model's pairs that differ in a nominal e and in friction alone.
 
     name: for the user. notes: sentences for the user.
-    kinds: of each request's pair, the number of the first request whose pair is alike.
     slides: whether the pairs have friction.
     mobility: of each request's pair, how many times as easily the contact point moves along the
     plate as along its normal.
@@ -53,7 +52,6 @@ class ContactFamily(ABC):
 
     name: str
     notes: tuple[str, ...] = ()
-    kinds: tuple[int, ...]
     slides: bool = True
     mobility: tuple[float, ...]
 
@@ -83,7 +81,7 @@ class ContactFamily(ABC):
 
     def one(self, nominal: float, friction: float | None) -> dict[str, Floats]:
         """Parameters of one world whose pairs all have one nominal e and μ."""
-        every = np.full((1, len(self.kinds)), nominal)
+        every = np.full((1, len(self.mobility)), nominal)
         return self.parameters(every, None if friction is None else np.array([friction]))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -230,6 +230,7 @@ class Standing:
     step_time: of CPU, s.
     force_noise: standard deviation of the contact force over its mean.
     slope: rad.
+    falls: true for a model that falls over on the level; its drift and vibration are NaN.
     """
 
     penetration: float
@@ -241,6 +242,7 @@ class Standing:
     step_time: float
     force_noise: float = math.nan
     slope: float = math.nan
+    falls: bool = field(default=False, kw_only=True)
 
     @classmethod
     def of(
@@ -251,12 +253,13 @@ class Standing:
         hop: float,
         cost: tuple[float, float],
         slope: float,
+        falls: bool = False,
     ) -> Standing:
         """Join what was measured of a model at rest.
 
         rest: on the level. on_slope: on a slope. hold: drift in a grasp, m/s. hop: how far a body
         rises that is laid down as it slides, m. cost: of a step: iterations of the solver, and
-        time, s. slope: its angle, rad.
+        time, s. slope: its angle, rad. falls: as in the class.
         """
         return cls(
             rest.penetration,
@@ -267,6 +270,7 @@ class Standing:
             *cost,
             rest.force_noise,
             slope,
+            falls=falls,
         )
 
     @property

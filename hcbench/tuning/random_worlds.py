@@ -43,7 +43,8 @@ class Certificate:
     restitution: mean e over the phases of a step, (c, s).
     lowest, highest: e of a single launch in each world, (c,).
     friction: impulse of friction over that of the normal force in a launch that slides throughout,
-    (c,); None where the friction is the model's own.
+    (c,), NaN where the joints of a pair keep it from sliding; None where the friction is the
+    model's own.
     energy_gained: the largest share of the kinetic energy that a launch gained; at most 0 where
     none did.
     launches: their number.
@@ -107,10 +108,13 @@ class RandomWorlds(Shown):
 
     @property
     def friction_errors(self) -> Floats:
-        """Measured friction less the μ drawn of each certified world, (c,); () without friction."""
+        """Measured friction less the μ drawn of each certified world where it was measured; ()
+        where none was.
+        """
         if self.friction is None or self.certificate.friction is None:
             return np.zeros(0)
-        return np.asarray(self.certificate.friction - self.friction[self.certificate.worlds])
+        errors = self.certificate.friction - self.friction[self.certificate.worlds]
+        return np.asarray(errors[np.isfinite(errors)])
 
     @property
     def by_speed(self) -> Floats:
@@ -133,10 +137,13 @@ class RandomWorlds(Shown):
 
     @cached_property
     def p_friction(self) -> float:
-        """The same of friction; NaN where it is the model's own, or one for all worlds."""
+        """The same of friction; NaN where it is the model's own, one for all worlds, or was not
+        measured.
+        """
         if self.certificate.friction is None or self.friction_band is None:
             return math.nan
-        return p_uniform(self.certificate.friction, self.friction_band)
+        measured = self.certificate.friction[np.isfinite(self.certificate.friction)]
+        return p_uniform(measured, self.friction_band) if len(measured) else math.nan
 
     @property
     def failures(self) -> list[str]:
@@ -230,8 +237,10 @@ class RandomWorlds(Shown):
         yield f"e from {low:g} to {high:g}, measured within {np.abs(self.errors).max():.2g}"
         if self.friction_band is not None:
             low, high = self.friction_band
-            within = np.abs(self.friction_errors).max()
-            yield f"friction from {low:g} to {high:g}, measured within {within:.2g}"
+            measured = ", not measured"
+            if len(self.friction_errors):
+                measured = f", measured within {np.abs(self.friction_errors).max():.2g}"
+            yield f"friction from {low:g} to {high:g}{measured}"
         yield f'parameters: {", ".join(self.parameters)}; .save("params.npz") writes them'
         for path in self.files:
             yield f"written: {path}"

@@ -19,6 +19,7 @@ from hcbench.measuring.request import make_request, read_limit
 from hcbench.sim.capabilities import MOST_NOMINAL, ContactFamily, RandomizesContacts, TunesModels
 from hcbench.sim.columns import Whole
 from hcbench.sim.model_under_test import BESIDE, ModelUnderTest, Output, Request
+from hcbench.sim.passivity import MOST_E
 from hcbench.sim.rest import UNKNOWN, WORSE, Standing
 from hcbench.sim.simulate import impacts_in
 from hcbench.system.errors import LimitPassed, UserError
@@ -40,7 +41,7 @@ from hcbench.tuning.answer import MAX_ERROR
 from hcbench.tuning.random_worlds import Band, Certificate, RandomWorlds
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from hcbench.terms.impact import Floats, Impact
 
@@ -50,9 +51,13 @@ SPEEDS = "0.5, 1, 2 m/s"
 LIMIT_S = 600.0
 # Nominal e at which the map is measured, and the phases of a step at each.
 _NODES = 13
-# Of a first look at how far a family reaches, and by how much that may be wrong.
-_FEW_NODES = 7
+# Of a first look at how far a family reaches, and by how much that may be wrong. Closer near 0,
+# where e changes fastest, and near 1, where one launch of several gains energy.
+_FEW_NODES = (0.0, 0.03, 0.11, 0.25, 0.45, 0.7, 0.85, 0.95, MOST_NOMINAL)
+_FEW_PHASES = 4
 _SLACK = 0.02
+# Between the reach that is measured and the one that is named to a user.
+_MARGIN = 0.01
 # Angles from the normal of launches that slide, rad, at so many phases.
 _OBLIQUE = (math.radians(45.0), math.radians(70.0))
 _OBLIQUE_PHASES = 4
@@ -62,10 +67,10 @@ _FRICTIONS = 3
 # One world in so many is certified; of few worlds more, so that the test has this many.
 _SHARE = 10
 _LEAST_CERTIFIED = 40
-# Slips of oblique launches, over what friction can stop; the first counts with which the friction
-# measured is that of the next, so that the launch slides throughout.
-_SLIPS = (2.0, 4.0, 8.0, 16.0)
-_SAME_FRICTION = 0.01
+# Slips of oblique launches, over what friction can stop; the first counts that slides throughout.
+_SLIPS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
+# Share of its slip that a launch keeps that slides throughout; joints can pull a foot back.
+_KEPT_SLIP = 0.25
 _SLIDING_PHASES = 2
 # A map that falls by more than this has more than one contact of one e.
 _FALLS = 0.03
@@ -255,9 +260,14 @@ def _randomized(job: Job) -> RandomWorlds:
     before = UNKNOWN
     if isinstance(engine, TunesModels):
         before = engine.standing(source, None, requests)
-    rise = _rise(lambda request: engine.open(rebuild() if rebuild else source, request), requests)
+
+    def opened(request: Request) -> ModelUnderTest:
+        return engine.open(rebuild() if rebuild else source, request)
+
+    rise: float | None = None
     faults: list[str] = []
-    reached: list[Band] = []
+    # Families that do not reach the band, with a first look at how far they do.
+    short: list[tuple[ContactFamily, list[_Map]]] = []
     for family in engine.contact_families(source, requests, rebuild):
         if job.friction is not None and not family.slides:
             raise UserError("friction", "a band", "a pair with friction", "Its condim is 1")
@@ -265,58 +275,85 @@ def _randomized(job: Job) -> RandomWorlds:
             faults.append(f"{family.name}: {fault[0]}")
             continue
         frictions = _frictions(job)
-        # A first look at one friction: it costs least, and shows most families that cannot reach.
-        # Nodes are closer near 0, where e changes fastest.
-        few = MOST_NOMINAL * np.linspace(0.0, 1.0, _FEW_NODES) ** 2
-        middle = len(frictions) // 2
-        maps = _measured_maps(family, requests, frictions[middle : middle + 1], few)
-        if _covers(maps.reach, job.restitution, _SLACK):
-            maps = _measured_maps(family, requests, frictions, maps.nodes(job.restitution))
-        if not _covers(maps.reach, job.restitution):
-            reached.append(maps.reach)
-        elif _rise_in(family, maps, requests, job) > max(MAX_ERROR, WORSE * rise):
+        rough = _first_look(family, requests, float(frictions[len(frictions) // 2]))
+        maps = rough
+        if _covers(_reach(rough), job.restitution, _SLACK):
+            nodes = _nodes(rough, job.restitution)
+            maps = _measured_maps(family, requests, frictions, nodes, _PHASES)
+        if not _covers(_reach(maps), job.restitution):
+            short.append((family, rough))
+            continue
+        # Of the model as it is; a band out of reach is refused without it.
+        if rise is None:
+            rise = _rise(opened, requests)
+        if _rise_in(family, maps, requests, job) > max(MAX_ERROR, WORSE * rise):
             faults.append(f"{family.name}: sliding throws it up more than the model as it is")
-        else:
-            return _drawn(family, maps, requests, job, before)
-    raise _out_of_reach(job, reached, faults)
+            continue
+        models = [family.open(request) for request in requests]
+        after = _at_corners(family, maps, models, job)
+        timestep = models[0].timestep
+        if fault := [words for each in after for words in each.rests_worse_than(before, timestep)]:
+            faults.append(f"{family.name}: {fault[0]}")
+            continue
+        return _drawn(family, maps, requests, job, (before, after))
+    if not short:
+        asked = f"{job.restitution[0]:g}:{job.restitution[1]:g}"
+        raise UserError("restitution", asked, f"a contact that rests as well ({faults[-1]})")
+    raise _out_of_reach(job, requests, short)
 
 
-def _out_of_reach(job: _RandomizeJob, reached: list[Band], faults: list[str]) -> UserError:
-    """The error to raise for a band of e that no family of contacts has in this model.
+def _out_of_reach(
+    job: _RandomizeJob,
+    requests: Sequence[Request],
+    short: Sequence[tuple[ContactFamily, Sequence[_Map]]],
+) -> UserError:
+    """The error for a band of e that no family of contacts has in this model, with the widest that
+    one has.
 
-    job: the band that was asked for. reached: the bands of e that families have; the widest is
-    named. faults: why others were passed over, as sentences; the last is named where no band was
-    reached at all.
+    short: one or more families, with a first look at how far they reach. The widest is measured
+    again, since who is refused asks for what the error names.
     """
+    family, rough = max(short, key=lambda each: _width(_reach(each[1])))
+    frictions = np.unique(_frictions(job)[[0, -1]])
+    nodes = _nodes(rough, (0.0, MOST_NOMINAL))
+    low, high = _reach(_measured_maps(family, requests, frictions, nodes, _PHASES))
     asked = f"{job.restitution[0]:g}:{job.restitution[1]:g}"
-    if not reached:
-        return UserError("restitution", asked, f"a contact that rests as well ({faults[-1]})")
-    low, high = max(reached, key=lambda band: band[1] - band[0])
+    # Two digits that lie in it.
+    low = math.ceil(100.0 * (low + _MARGIN)) / 100.0
+    high = math.floor(100.0 * (high - _MARGIN)) / 100.0
     advice = "A smaller --timestep, other --speeds or another pose reach others"
-    return UserError(
-        "restitution", asked, f"{low:.2g} ... {high:.2g}, the reach in this model", advice
-    )
+    return UserError("restitution", asked, f"{low:g} ... {high:g}, the reach in this model", advice)
+
+
+def _width(band: Band) -> float:
+    return band[1] - band[0]
 
 
 def _rise_in(
-    family: ContactFamily, maps: _Maps, requests: Sequence[Request], job: _RandomizeJob
+    family: ContactFamily, maps: Sequence[_Map], requests: Sequence[Request], job: _RandomizeJob
 ) -> float:
     """Largest rise of e of a launch that slides over one straight down, at both ends of the job's
     band of e and with its highest μ, or the model's own μ where the job draws none.
 
-    maps: give the nominal e with which the family's contact has a measured e, of each kind of pair;
-    one contact with their mean is tried. requests: one a pair. Infinite where a launch has no e, 0
-    where no pair can slide.
+    maps: of the pairs, which tell the nominal e at which they have an e of the band. Infinite where
+    a launch has no e.
     """
-    mu = None if job.friction is None else job.friction[1]
+    most = _corners(job)[-1]
 
     def opened(e: float, request: Request) -> ModelUnderTest:
         model = family.open(request)
-        nominal = maps.nominal_of(np.array([e]), None if mu is None else np.array([mu]))
-        family.set(model, family.one(float(nominal.mean()), mu), 0)
+        family.set(model, _one_world(family, maps, e, most), 0)
         return model
 
     return max(_rise(partial(opened, e), requests) for e in job.restitution)
+
+
+def _one_world(
+    family: ContactFamily, maps: Sequence[_Map], e: float, mu: float | None
+) -> dict[str, Floats]:
+    """Parameters of one world in which every pair has an e, and a μ unless it is the model's own."""
+    friction = None if mu is None else np.array([mu])
+    return family.parameters(_nominal_of(maps, np.array([e]), friction), friction)
 
 
 def _rise(opened: Callable[[Request], ModelUnderTest], requests: Sequence[Request]) -> float:
@@ -364,50 +401,48 @@ def _rest_faults(
 
 
 @dataclass(frozen=True, slots=True)
-class _Maps:
-    """From nominal e to measured e, of each kind of pair and at each friction.
+class _Map:
+    """From the nominal e of one pair to its measured e, at each of some frictions.
 
-    kinds: numbers of the first pair of each kind. frictions: μ; (nan,) for the model's own.
-    nominal: (nodes,). measured: (kinds, frictions, nodes), rising along the last axis.
-    friction: measured at each of `frictions`; () where it is not randomised.
+    frictions: μ, (m,); (nan,) for the model's own. nominal: (nodes,).
+    measured: (m, nodes), rising along the last axis.
     """
 
-    kinds: tuple[int, ...]
     frictions: Floats
     nominal: Floats
     measured: Floats
 
     @property
     def reach(self) -> Band:
-        """Lowest and highest e that every pair has at every friction."""
-        return float(self.measured[..., 0].max()), float(self.measured[..., -1].min())
-
-    def nodes(self, band: Band) -> Floats:
-        """Nominal e at which the pairs have about evenly spaced e over a band and a little more."""
-        low = max(band[0] - _SLACK, self.reach[0])
-        high = min(band[1] + _SLACK, self.reach[1])
-        found = np.unique(self.nominal_of(np.linspace(low, high, _NODES), None))
-        return np.unique([self.nominal[0], *found, self.nominal[-1]])
+        """Lowest and highest e that the pair has at every friction."""
+        return float(self.measured[:, 0].max()), float(self.measured[:, -1].min())
 
     def nominal_of(self, restitution: Floats, friction: Floats | None) -> Floats:
-        """Nominal e with which each kind of pair has a measured e at a friction: (n, kinds).
+        """Nominal e by which the pair has an e at a friction, (n,).
 
-        restitution: measured e of n worlds, (n,), within reach. friction: their μ, (n,); None for
-        the model's own. Linear between the frictions at which e was measured.
+        restitution: (n,), within reach. friction: (n,); None where one friction was measured.
         """
-        found = np.empty((len(restitution), len(self.kinds)))
-        for kind, curves in enumerate(self.measured):
-            # Nominal e of each world at each of the measured frictions, (frictions, n).
-            at_each = np.array([_inverse(curve, self.nominal, restitution) for curve in curves])
-            if friction is None or len(self.frictions) == 1:
-                found[:, kind] = at_each[0]
-                continue
-            place = np.interp(friction, self.frictions, np.arange(len(self.frictions)))
-            left = np.minimum(place.astype(int), len(self.frictions) - 2)
-            share = place - left
-            worlds = np.arange(len(restitution))
-            found[:, kind] = (1 - share) * at_each[left, worlds] + share * at_each[left + 1, worlds]
-        return found
+        at_each = np.array([_inverse(curve, self.nominal, restitution) for curve in self.measured])
+        if friction is None or len(self.frictions) == 1:
+            return np.asarray(at_each[0])
+        place = np.interp(friction, self.frictions, np.arange(len(self.frictions)))
+        left = np.minimum(place.astype(int), len(self.frictions) - 2)
+        share = place - left
+        worlds = np.arange(len(restitution))
+        return np.asarray((1 - share) * at_each[left, worlds] + share * at_each[left + 1, worlds])
+
+
+def _reach(maps: Sequence[_Map]) -> Band:
+    """Lowest and highest e that every pair has at every friction, without gain of energy."""
+    lows, highs = zip(*(each.reach for each in maps), strict=True)
+    return max(lows), min(*highs, MOST_NOMINAL)
+
+
+def _nominal_of(maps: Sequence[_Map], restitution: Floats, friction: Floats | None) -> Floats:
+    """Nominal e by which each pair has an e at a friction, (n, pairs); arguments of
+    `_Map.nominal_of`.
+    """
+    return np.stack([each.nominal_of(restitution, friction) for each in maps], axis=1)
 
 
 def _inverse(measured: Floats, nominal: Floats, restitution: Floats) -> Floats:
@@ -433,47 +468,83 @@ def _covers(reach: Band, band: Band, slack: float = 0.0) -> bool:
     return reach[0] - slack <= band[0] and band[1] <= reach[1] + slack
 
 
-def _measured_maps(
-    family: ContactFamily, requests: Sequence[Request], frictions: Floats, nominal: Floats
-) -> _Maps:
-    """Measure e of a family over its nominal e, for each kind of pair and friction.
-
-    requests: one a pair; e is the mean over their speeds and over the phases of a step.
-    frictions: μ, (m,); NaN for the model's own. nominal: (nodes,), rising.
-
-    Nodes without an e, and those beyond which e falls, are left out of a map: its reach ends there.
+def _first_look(family: ContactFamily, requests: Sequence[Request], mu: float) -> list[_Map]:
+    """A coarse map of each pair at one friction, which is NaN for the model's own: it shows how far
+    the family reaches.
     """
-    kinds = tuple(sorted(set(family.kinds)))
-    measured = np.empty((len(kinds), len(frictions), len(nominal)))
-    phases = tuple((i + 0.5) / _PHASES for i in range(_PHASES))
-    for kind, number in enumerate(kinds):
-        sent = dataclasses.replace(requests[number], phases=phases)
-        with family.open(requests[number]) as model:
+    nodes = np.repeat(np.array(_FEW_NODES)[:, None], len(requests), axis=1)
+    return _measured_maps(family, requests, np.array([mu]), nodes, _FEW_PHASES)
+
+
+def _nodes(rough: Sequence[_Map], band: Band) -> Floats:
+    """Nominal e of worlds in which all pairs have about one e, evenly spaced over a band and a
+    little more, and of the two ends, (nodes, pairs).
+
+    rough: maps of a first look.
+    """
+    reach = _reach(rough)
+    low = max(band[0] - _SLACK, reach[0])
+    high = min(band[1] + _SLACK, reach[1])
+    inside = _nominal_of(rough, np.linspace(low, high, _NODES), None)
+    ends = np.array([[each.nominal[0], each.nominal[-1]] for each in rough]).T
+    return np.concatenate([ends[:1], inside, ends[1:]])
+
+
+def _measured_maps(
+    family: ContactFamily,
+    requests: Sequence[Request],
+    frictions: Floats,
+    nodes: Floats,
+    phases: int,
+) -> list[_Map]:
+    """Measure a map of each pair: feet of one robot that weigh the same at the touch can differ in
+    e by 0.15, as all four legs bend the same way.
+
+    frictions: μ, (m,). nodes: nominal e of all pairs, (nodes, pairs), rising along the first axis:
+    feet that land together change each other's e. phases: places in a step, of launches at each.
+    """
+    phase = tuple((i + 0.5) / phases for i in range(phases))
+    maps = []
+    for request, nominal in zip(requests, nodes.T, strict=True):
+        sent = dataclasses.replace(request, phases=phase).launches()
+        measured = np.empty((len(frictions), len(nominal)))
+        with family.open(request) as model:
             for place, mu in enumerate(frictions.tolist()):
-                for node, e in enumerate(nominal.tolist()):
-                    family.set(model, family.one(e, None if math.isnan(mu) else mu), 0)
-                    impacts = impacts_in(model, sent.launches())
-                    measured[kind, place, node] = np.mean([i.restitution for i in impacts])
+                friction = None if math.isnan(mu) else np.full(len(nominal), mu)
+                parameters = family.parameters(nodes, friction)
+                for node in range(len(nominal)):
+                    family.set(model, parameters, node)
+                    impacts = impacts_in(model, sent)
+                    e = np.array([i.restitution for i in impacts])
+                    # A node at which a launch gains energy has no e to offer.
+                    measured[place, node] = e.mean() if e.max() <= MOST_E else math.nan
+        maps.append(_map_of(frictions, nominal, measured))
+    return maps
+
+
+def _map_of(frictions: Floats, nominal: Floats, measured: Floats) -> _Map:
+    """The map of a pair from what was measured at every node; arguments as of `_Map`.
+
+    Nodes without an e, and those beyond which e falls, are left out: its reach ends there.
+    """
     good = _rising(measured)
-    return _Maps(
-        kinds, frictions, nominal[good], np.maximum.accumulate(measured[..., good], axis=-1)
-    )
+    return _Map(frictions, nominal[good], np.maximum.accumulate(measured[:, good], axis=-1))
 
 
 def _rising(measured: Floats) -> slice:
-    """The longest run of nodes at which each kind of pair has an e at each friction, and along which
-    none of these falls by more than `_FALLS`; as a slice of the last axis.
+    """The longest run of nodes at which a pair has an e at each friction, and along which none of
+    these falls by more than `_FALLS`; as a slice of the last axis.
 
-    measured: e, (kinds, frictions, nodes).
+    measured: (frictions, nodes).
     """
     longest = slice(0, 1)
     start = 0
     count = measured.shape[-1]
     for node in range(count):
-        so_far = measured[..., start : node + 1]
+        so_far = measured[:, start : node + 1]
         falls = (np.maximum.accumulate(so_far, axis=-1) - so_far).max() > _FALLS
         if falls or not np.isfinite(so_far).all():
-            start = node if np.isfinite(measured[..., node]).all() else node + 1
+            start = node if np.isfinite(measured[:, node]).all() else node + 1
         if node + 1 - start > longest.stop - longest.start:
             longest = slice(start, node + 1)
     return longest
@@ -510,33 +581,25 @@ def _within(band: Band, shares: Floats) -> Floats:
 
 def _drawn(
     family: ContactFamily,
-    maps: _Maps,
+    maps: Sequence[_Map],
     requests: Sequence[Request],
     job: _RandomizeJob,
-    before: Standing,
+    stands: tuple[Standing, tuple[Standing, ...]],
 ) -> RandomWorlds:
     """Draw the worlds of a family, certify some of them by launches, and let the model stand with
     the contacts at the corners of the bands of e and friction.
 
-    maps: give the nominal e with which a kind of pair has a measured e. requests: one a pair.
-    before: the model as it is, at rest. Raises what the engine raises.
+    maps, requests: one a pair. stands: the model at rest as it is, and in the worlds at the corners
+    of both bands.
     """
     random = np.random.default_rng(job.seed)
     shares, certified = sliced(job.worlds, 2, random)
     restitution = _within(job.restitution, shares[:, 0])
     friction = None if job.friction is None else _within(job.friction, shares[:, 1])
-    by_kind = maps.nominal_of(restitution, friction)
-    nominal = by_kind[:, [maps.kinds.index(kind) for kind in family.kinds]]
-    parameters = family.parameters(nominal, friction)
+    parameters = family.parameters(_nominal_of(maps, restitution, friction), friction)
     models = [family.open(request) for request in requests]
     certificate = _certificate(family, models, requests, job, parameters, certified, random)
-    after = []
-    for e in dict.fromkeys(job.restitution):
-        for mu in _corners(job):
-            of_kind = maps.nominal_of(np.array([e]), None if mu is None else np.array([mu]))
-            for model, kind in zip(models, family.kinds, strict=True):
-                family.set(model, family.one(float(of_kind[0, maps.kinds.index(kind)]), mu), 0)
-            after.append(family.standing(models))
+    before, after = stands
     return RandomWorlds(
         parameters=parameters,
         restitution=restitution,
@@ -546,12 +609,55 @@ def _drawn(
         seed=job.seed,
         facts=tuple(model.facts() for model in models),
         name=family.name,
-        notes=family.notes,
+        notes=(*family.notes, *_notes(before, certificate, models)),
         certificate=certificate,
         before=before,
-        after=tuple(after),
+        after=after,
         texts=family.texts(job.output),
     )
+
+
+def _at_corners(
+    family: ContactFamily,
+    maps: Sequence[_Map],
+    models: Sequence[ModelUnderTest],
+    job: _RandomizeJob,
+) -> tuple[Standing, ...]:
+    """Measure how the model stands in the worlds at the corners of both bands.
+
+    maps, models: one a pair.
+    """
+    after = []
+    for e in dict.fromkeys(job.restitution):
+        for mu in _corners(job):
+            for model in models:
+                family.set(model, _one_world(family, maps, e, mu), 0)
+            after.append(family.standing(models))
+    return tuple(after)
+
+
+def _notes(
+    before: Standing, certificate: Certificate, models: Sequence[ModelUnderTest]
+) -> Iterator[str]:
+    """Sentences on what the certificate does not compare.
+
+    before: the model as it is, at rest. models: one a pair.
+    """
+    if before.falls:
+        yield (
+            "Your model falls over in this pose, so its drift on a slope and its vibration say "
+            "nothing and are not compared."
+        )
+    if certificate.friction is None:
+        return
+    of_pair = np.arange(len(certificate.worlds)) % len(models)
+    for number, model in enumerate(models):
+        if np.isnan(certificate.friction[of_pair == number]).all():
+            first, second = model.facts().pair
+            yield (
+                f"The joints of {first} keep it from sliding on {second}: its μ is set as drawn, "
+                "but not measured."
+            )
 
 
 def _certificate(
@@ -570,11 +676,12 @@ def _certificate(
     indices of the worlds to launch in, (n,). random: draws the phases.
     """
     speeds = np.array(job.request.speeds)
-    sliding = None
+    sliding: list[Request | None] = [None] * len(models)
     if job.friction is not None:
         sliding = _sliding_launches(family, models, requests, job)
     restitution = np.empty((len(certified), len(speeds)))
-    lowest, highest, rubbed = np.empty((3, len(certified)))
+    lowest, highest = np.empty((2, len(certified)))
+    rubbed = np.full(len(certified), math.nan)
     gained = -math.inf
     launches = 0
     for row, world in enumerate(certified.tolist()):
@@ -588,10 +695,11 @@ def _certificate(
         lowest[row] = e.min()
         highest[row] = e.max()
         launches += len(impacts)
-        if sliding is None:
+        slides = sliding[number]
+        if slides is None:
             continue
         phases = tuple((np.arange(_SLIDING_PHASES) + random.random()) / _SLIDING_PHASES)
-        slid = impacts_in(model, dataclasses.replace(sliding[number], phases=phases).launches())
+        slid = impacts_in(model, dataclasses.replace(slides, phases=phases).launches())
         rubbed[row] = _friction_of(slid)
         gained = max(
             gained, *(-impact.tangential.energy_lost for impact in slid if impact.tangential)
@@ -603,7 +711,7 @@ def _certificate(
         restitution=restitution,
         lowest=lowest,
         highest=highest,
-        friction=None if sliding is None else rubbed,
+        friction=None if job.friction is None else rubbed,
         energy_gained=gained,
         launches=launches,
     )
@@ -614,34 +722,45 @@ def _sliding_launches(
     models: Sequence[ModelUnderTest],
     requests: Sequence[Request],
     job: _RandomizeJob,
-) -> list[Request]:
-    """Oblique launches of each pair that slide throughout, in worlds with the most friction.
+) -> list[Request | None]:
+    """Oblique launches of each pair that slide throughout, in worlds with the most friction; None
+    of a pair whose joints keep it from sliding, such as a finger on a slide.
 
     models: opened, one a pair; they are left with other parameters than those of a world.
-    requests: of these. One request a pair is returned: the smallest angle from which friction's
-    share of the impulse no longer changes, or else the largest angle.
+    requests: of these.
     """
     assert job.friction is not None
     most = job.friction[1]
-    sent = []
+    sent: list[Request | None] = []
     for model, request, mobility in zip(models, requests, family.mobility, strict=True):
         family.set(model, family.one(job.restitution[1], most), 0)
         # Tangent of the angle at which friction just stops a body, by impulses.
         stops = mobility * (1.0 + job.restitution[1]) * most
-        slowest = (min(request.speeds),)
-        tried = []
-        measured = []
-        for slips in _SLIPS:
-            angle = math.atan(slips * stops)
-            oblique = dataclasses.replace(request, speeds=slowest, angle=(angle,))
-            tried.append(oblique)
-            measured.append(_friction_of(impacts_in(model, oblique.launches())))
-        alike = np.abs(np.diff(measured)) <= _SAME_FRICTION * most
-        chosen = int(alike.argmax()) if alike.any() else -1
-        sent.append(tried[chosen])
+        tried = (
+            dataclasses.replace(
+                request, speeds=(min(request.speeds),), angle=(math.atan(slips * stops),)
+            )
+            for slips in _SLIPS
+        )
+        try:
+            sent.append(
+                next((e for e in tried if _slides_on(impacts_in(model, e.launches()))), None)
+            )
+        # The joints cannot make such a motion.
+        except UserError:
+            sent.append(None)
     return sent
+
+
+def _slides_on(impacts: Sequence[Impact]) -> bool:
+    """Say whether all impacts end with a good part of the slip with which they began."""
+    slips = [(i.tangential.slip_in, i.tangential.slip_out) for i in impacts if i.tangential]
+    return bool(slips) and all(
+        np.dot(after, before) > _KEPT_SLIP * np.dot(before, before) for before, after in slips
+    )
 
 
 def _friction_of(impacts: Sequence[Impact]) -> float:
     """Mean impulse of friction over that of the normal force; NaN where none was measured."""
-    return float(np.mean([i.tangential.impulse_ratio for i in impacts if i.tangential is not None]))
+    ratios = [i.tangential.impulse_ratio for i in impacts if i.tangential is not None]
+    return float(np.mean(ratios)) if ratios else math.nan

@@ -4,6 +4,7 @@ their own.
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -23,6 +24,8 @@ MODEL = """<mujoco><option timestep="0.002"/><worldbody>
 <geom name="floor" type="plane" size="5 5 .1"/><body name="ball" pos="0 0 .0525"><freejoint/>
 <geom name="ball" size=".05" mass=".2"/></body></worldbody></mujoco>"""
 STEPS = 60
+# A Python that has mjlab, which is none of hcbench's engines.
+MJLAB = os.environ.get("HCBENCH_MJLAB")
 # What a reader adds to the page's script: the fastest rise of the ball, thrown down at 1 m/s.
 RISE = {
     "mjx": """
@@ -41,6 +44,15 @@ rise = np.zeros(worlds)
 for _ in range(60):
     mjw.step(m, d)
     rise = np.maximum(rise, d.qvel.numpy()[:, 2])
+np.save("rise.npy", rise)
+""",
+    "mjlab": """
+sim.reset()
+sim.data.qpos[:, 2], sim.data.qvel[:, 2] = 0.0525, -1.0
+rise = np.zeros(len(params["restitution"]))
+for _ in range(60):
+    sim.step()
+    rise = np.maximum(rise, sim.data.qvel[:, 2].cpu().numpy())
 np.save("rise.npy", rise)
 """,
 }
@@ -64,11 +76,11 @@ def in_plain_steps(folder: Path) -> Floats:
     return np.array(rise)
 
 
-@pytest.mark.needs_engine
-@pytest.mark.parametrize("engine", ["mjx", "mujoco-warp"])
-def test_the_worlds_bounce_as_in_the_model_that_they_were_drawn_for(
-    engine: str, tmp_path: Path
-) -> None:
+def require_plain_bounces(engine: str, python: Path | str, folder: Path) -> None:
+    """Draw worlds of a ball, load them by the page's script, and compare its rises with MuJoCo's.
+
+    engine: whose script. python: an interpreter that has it.
+    """
     hb.randomize(
         mujoco.MjSpec.from_string(MODEL),
         "ball,floor",
@@ -76,14 +88,30 @@ def test_the_worlds_bounce_as_in_the_model_that_they_were_drawn_for(
         friction="0.5:1",
         worlds=8,
         speeds="1 m/s",
-        out=tmp_path / "params.npz",
-        write_model=tmp_path / "worlds.xml",
+        out=folder / "params.npz",
+        write_model=folder / "worlds.xml",
     )
     found = re.search(rf"<!-- tested: {engine} -->\n```py\n(.*?)```", PAGE.read_text("utf-8"), re.S)
     assert found is not None
-    script = tmp_path / "script.py"
+    script = folder / "script.py"
     script.write_text(found[1] + RISE[engine], encoding="utf-8")
+    subprocess.run([str(python), str(script)], cwd=folder, check=True)
+    assert np.load(folder / "rise.npy") == pytest.approx(in_plain_steps(folder), abs=2e-3)
+
+
+@pytest.mark.needs_engine
+@pytest.mark.parametrize("engine", ["mjx", "mujoco-warp"])
+def test_the_worlds_bounce_as_in_the_model_that_they_were_drawn_for(
+    engine: str, tmp_path: Path
+) -> None:
     environment = interpreter_of(registry.engine(engine))
     python = sys.executable if environment is None else environment.python
-    subprocess.run([str(python), str(script)], cwd=tmp_path, check=True)
-    assert np.load(tmp_path / "rise.npy") == pytest.approx(in_plain_steps(tmp_path), abs=2e-3)
+    require_plain_bounces(engine, python, tmp_path)
+
+
+@pytest.mark.skipif(MJLAB is None, reason="HCBENCH_MJLAB names no Python that has mjlab (6 GB)")
+def test_the_worlds_bounce_in_mjlab_as_in_the_model_that_they_were_drawn_for(
+    tmp_path: Path,
+) -> None:
+    assert MJLAB is not None
+    require_plain_bounces("mjlab", MJLAB, tmp_path)

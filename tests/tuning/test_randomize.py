@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import re
 from pathlib import Path
 
 import mujoco
@@ -14,6 +15,9 @@ from scipy import stats
 
 import hcbench as hb
 from hcbench.cli import run
+from hcbench.measuring.request import make_request
+from hcbench.sim import registry
+from hcbench.sim.capabilities import TunesModels
 from hcbench.system.errors import UserError
 from hcbench.tuning.random_worlds import RandomWorlds, p_uniform
 from hcbench.tuning.randomize import sliced
@@ -22,6 +26,12 @@ QUADRUPED = Path(__file__).parents[2] / "examples" / "quadruped.xml"
 BALL = """<mujoco model="ball"><option timestep="0.002" {option}/><worldbody>
 <geom name="floor" type="plane" size="5 5 .1" {geom}/><body name="ball" pos="0 0 .1"><freejoint/>
 <geom name="ball" size=".05" mass=".2" {geom}/></body></worldbody></mujoco>"""
+FINGER = """<mujoco><option timestep="0.002"/><worldbody>
+<geom name="wall" type="box" size=".1 .1 .1" pos=".2 0 0"/><body><joint type="slide" axis="1 0 0"/>
+<geom name="finger" size=".02" mass=".2"/></body></worldbody></mujoco>"""
+POLE = """<mujoco><worldbody><geom name="floor" type="plane" size="5 5 .1"/>
+<body pos="0 0 .5" euler="0 3 0"><freejoint/><geom name="pole" type="capsule" size=".02 .4"/></body>
+</worldbody></mujoco>"""
 BAND, RUBS = (0.3, 0.6), (0.5, 1.0)
 
 
@@ -113,11 +123,16 @@ def test_the_file_has_the_described_arrays(drawn: RandomWorlds) -> None:
     assert about["lines"] == drawn.text
 
 
-def test_an_e_out_of_reach_is_refused_with_the_reach() -> None:
-    with pytest.raises(
-        UserError, match=r"restitution: 0.01:0.6; expected 0\.\d+ \.\.\. 1, the reach"
-    ):
+def test_an_e_out_of_reach_is_refused_with_a_reach_that_is_then_given() -> None:
+    with pytest.raises(UserError, match=r"restitution: 0.01:0.6; expected .* the reach") as refused:
         hb.randomize(model(), "ball,floor", restitution=(0.01, 0.6), worlds=40, speeds="1 m/s")
+    found = re.search(r"expected (0\.\d+) \.\.\. (0\.\d+),", str(refused.value))
+    assert found is not None
+    low, high = map(float, found.groups())
+    assert 0.01 < low < 0.2
+    assert high > 0.6
+    worlds = hb.randomize(model(), "ball,floor", restitution=(low, high), worlds=40, speeds="1 m/s")
+    assert not worlds.failures
 
 
 @pytest.mark.parametrize("band", ["0.6:0.3", "0.1:0.2:0.3", "-0.1:0.5"])
@@ -134,13 +149,43 @@ def test_a_contact_without_friction_turns_the_body_in_one_step() -> None:
         hb.randomize(smooth, "ball,floor", restitution="0.3:0.9", friction="0.5:1", worlds=40)
 
 
-def test_a_foot_on_servos_has_the_e_that_is_drawn_and_creeps_less() -> None:
-    worlds = hb.randomize(
-        QUADRUPED, "left_front_foot,floor", restitution="0.2:0.4", worlds=40, speeds="1 m/s"
-    )
-    assert np.abs(worlds.errors).max() < 0.02
+def test_feet_that_weigh_the_same_but_bounce_differently_have_the_e_that_is_drawn() -> None:
+    feet = ["left_front_foot,floor", "left_hind_foot,floor"]
+    apart = [
+        hb.measure(QUADRUPED, foot, speeds="1 m/s", diagnose=False, rest=False).curve[0]
+        for foot in feet
+    ]
+    assert apart[0].restitution - apart[1].restitution > 0.2
+    worlds = hb.randomize(QUADRUPED, feet, restitution="0.3:0.4", worlds=40, speeds="1 m/s")
+    fore, hind = worlds.facts
+    assert hind.effective_mass == pytest.approx(fore.effective_mass, rel=0.02)
+    assert np.abs(worlds.errors[0::2]).max() < 0.02
+    assert np.abs(worlds.errors[1::2]).max() < 0.02
     assert not worlds.worse
     assert max(after.drift for after in worlds.after) < worlds.before.drift
+
+
+def test_friction_is_set_but_not_measured_where_joints_keep_a_pair_from_sliding() -> None:
+    finger = mujoco.MjSpec.from_string(FINGER)
+    worlds = hb.randomize(
+        finger, "finger,wall", restitution=BAND, friction=RUBS, worlds=40, speeds="1 m/s"
+    )
+    assert worlds.friction is not None
+    assert worlds.parameters["pair_friction"][:, 0, 0] == pytest.approx(worlds.friction)
+    assert not len(worlds.friction_errors)
+    assert not worlds.failures
+    assert "its μ is set as drawn, but not measured" in worlds.notes[-1]
+
+
+def test_a_robot_that_falls_over_by_itself_has_no_drift_to_compare() -> None:
+    engine = registry.engine("mujoco")
+    assert isinstance(engine, TunesModels)
+    limp = engine.standing(mujoco.MjSpec.from_string(POLE), None, [make_request("pole,floor")])
+    assert limp.falls
+    assert np.isnan(limp.drift)
+    ball = engine.standing(model(), None, [make_request("ball,floor")])
+    assert not ball.falls
+    assert np.isfinite(ball.drift)
 
 
 @pytest.mark.parametrize("worlds", [20, 40, 81, 4096])

@@ -8,12 +8,13 @@ import copy
 import itertools
 import math
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend, captured_warnings
-from hcbench.engines.mujoco.model.bodies import effective_mass
+from hcbench.engines.mujoco.model.bodies import effective_mass, geom_friction
 from hcbench.engines.mujoco.model.pair import BOTH_SIDES
 from hcbench.engines.mujoco.model.pair_reader import MujocoAlongPlate
 from hcbench.sim.rest import (
@@ -60,6 +61,8 @@ _OPPOSITE = -0.7
 _TIMED = 200
 # The shortest of so many times counts: other programs only lengthen one.
 _REPEATS = 5
+# A robot of which a part turns by more than this, rad, has fallen: servos that sag turn it by less.
+_FALLEN = 0.5
 # Speed of what is laid down as it slides, m/s, and for how long it is followed, s.
 _SLIDES = 1.0
 _SLIDES_S = 1.0
@@ -78,20 +81,45 @@ def standing(opened: Sequence[OpenedModel]) -> Standing:
     level = slope = Rest(*[math.nan] * 4)
     hold = math.nan
     angle = math.nan
+    falls = False
     data = _at_touch(first)
     with captured_warnings():
         if stands_on_world(first):
             level = _rest(first, data)
+            falls = _has_fallen(first, data)
+            # What lies where it fell shakes as it happens to lie.
+            level = replace(level, vibration=math.nan) if falls else level
+        if stands_on_world(first) and not falls:
             angle, slope = rest_on_slope(first, copy.copy(data))
         if held:
             hold = _hold(*held[0])
         hop = _highest_hop(opened)
-        return Standing.of(level, slope, hold, hop, _cost(first, data), angle)
+        return Standing.of(level, slope, hold, hop, _cost(first, data), angle, falls)
 
 
 def stands_on_world(opened: OpenedModel) -> bool:
     """Say whether the pair's second part does not move."""
     return not opened.model.body_weldid[opened.place.pair.second.body]
+
+
+def _has_fallen(opened: OpenedModel, data: Any) -> bool:
+    """Say whether a part of the robot to which the pair's first body belongs has turned far since
+    the touch, as where its actuators do not hold it.
+
+    data: after a rest on the level.
+    """
+    model = opened.model
+    start = _at_touch(opened)
+    backend().mj_kinematics(model, start)
+    robot = model.body_rootid == model.body_rootid[opened.place.pair.first.body]
+    # A turn from one unit quaternion to another is twice the angle between them.
+    cosines = np.abs((start.xquat[robot] * data.xquat[robot]).sum(axis=1))
+    return not bool((cosines > math.cos(0.5 * _FALLEN)).all())
+
+
+def _friction_of(opened: OpenedModel) -> float:
+    """μ of the pair."""
+    return geom_friction(opened.model, opened.place.contact.geoms)
 
 
 def rest_on_slope(opened: OpenedModel, data: Any) -> tuple[float, Rest]:
@@ -101,7 +129,7 @@ def rest_on_slope(opened: OpenedModel, data: Any) -> tuple[float, Rest]:
     opened: the model with the pair. data: MjData at rest on the level; moved on. Gravity is turned
     in place of the bodies.
     """
-    angle = slope_of(opened.facts().friction)
+    angle = slope_of(_friction_of(opened))
     if not angle > 0.0:
         return angle, Rest(*[math.nan] * 4)
     return angle, _rest(opened, data, _tilted(opened, angle))
@@ -260,7 +288,7 @@ def _hold(one: OpenedModel, other: OpenedModel) -> float:
     gravity pulls at the body.
     """
     model = one.model
-    friction = one.facts().friction
+    friction = _friction_of(one)
     if not friction > 0.0:
         return math.nan
     gravity = np.array(model.opt.gravity)
@@ -504,7 +532,7 @@ def _friction(opened: OpenedModel, resting: Any, touch: _ForceAtTouch) -> list[f
     ways = [axis for axis in touch.axes if mass(axis) < most]
     if len(ways) > 1:
         ways.append((ways[0] + ways[1]) / math.sqrt(2.0))
-    size = push_of(opened.facts().friction, touch.normal)
+    size = push_of(_friction_of(opened), touch.normal)
     limits = []
     for way in ways:
         data = copy.copy(resting)

@@ -22,7 +22,6 @@ from hcbench.engines.mujoco.model.write_pairs import (
     SOFT_IMPEDANCE,
     label_of,
     one_step,
-    sliding_mobility,
     slip_under_load,
     spec_of,
     spring_row,
@@ -45,6 +44,8 @@ if TYPE_CHECKING:
 # do to the approach out of it: feet of robots reach a higher e.
 _SOFT = SOFT_IMPEDANCE
 _STIFF = 0.5
+# Mobility along the plate over that along the normal, below which joints keep a pair from sliding.
+_LEAST_MOBILITY = 1e-6
 # Least weight d/(1 - d) of a friction row.
 _FRICTION_WEIGHT = 1.0
 # Least impratio of a stiff spring, with which feet creep less than with MuJoCo's default.
@@ -84,13 +85,8 @@ class PairWorlds(ContactFamily):
         self._model = self._written.spec.compile()
         self.notes = tuple(self._written.notes)
         self.slides = any(pair.load.slides for pair in pairs)
-        # Of each kind, the number of its first pair.
-        numbers: dict[object, int] = {}
-        self.kinds = tuple(numbers.setdefault(pair.like, i) for i, pair in enumerate(pairs))
-        self.mobility = tuple(
-            sliding_mobility(pair.place, pair.load) / pair.load.strength for pair in pairs
-        )
-        # Of each <pair>: its index in this list, its number in the model, and the part of the
+        self.mobility = tuple(pair.sliding_mobility / pair.load.strength for pair in pairs)
+        # Of each <pair>: its place in this list, its number in the model, and the part of the
         # row's solref that it has: several points share one row's strength.
         self._numbers: list[tuple[int, int, Floats]] = []
         for pair in pairs:
@@ -184,23 +180,28 @@ def _spring_row(
     if impedance > _SOFT:
         load = replace(load, strength=1.0)
     row = spring_row(e, steps, load, (impedance, impedance, 1.0, 0.5, 1.0))
-    if not load.slides:
+    if not _can_slide(pair):
         return row
     weight = _weight(pair, impedance, impratio)
     damping = impedance * (1.0 + weight) / weight / load.timestep
     return ConstraintRow(row.solref, row.solimp, solreffriction=(0.0, -damping))
 
 
+def _can_slide(pair: PairToTune) -> bool:
+    """Say whether a pair has friction, and joints that let it slide."""
+    return pair.load.slides and pair.sliding_mobility > _LEAST_MOBILITY
+
+
 def _weight(pair: PairToTune, impedance: float, impratio: float) -> float:
     """Weight d/(1 - d) of a pair's friction row along the way that slides most easily."""
-    return impedance / (1.0 - impedance) * impratio * sliding_mobility(pair.place, pair.load)
+    return impedance / (1.0 - impedance) * impratio * pair.sliding_mobility
 
 
 def _impratio(model: Any, pairs: Sequence[PairToTune], impedance: float) -> float:
     """Choose the impratio of the whole model with which the friction of every pair is strong enough
     to hold, and creeps no faster than that of the user's own contact; two digits.
 
-    model: compiled, as the user has it. pairs: those without friction ask for nothing. impedance:
+    model: compiled, as the user has it. pairs: those that cannot slide ask for nothing. impedance:
     of the normal row.
     """
     own = float(model.opt.impratio)
@@ -210,7 +211,7 @@ def _impratio(model: Any, pairs: Sequence[PairToTune], impedance: float) -> floa
         needed = max(needed, _STIFF_IMPRATIO)
     solimp = (impedance, impedance, 1.0, 0.5, 1.0)
     for pair in pairs:
-        if not pair.load.slides:
+        if not _can_slide(pair):
             continue
         needed = max(needed, _FRICTION_WEIGHT / _weight(pair, impedance, 1.0))
         # The damping of a row of any weight is at least this.

@@ -380,6 +380,11 @@ class PairToTune:
         """Lowest and highest launch speed, m/s."""
         return min(self.requests[0].speeds), max(self.requests[0].speeds)
 
+    @cached_property
+    def sliding_mobility(self) -> float:
+        """Mobility of the pair along the plate; see the function of this name."""
+        return sliding_mobility(self.place, self.load)
+
 
 class Written(NamedTuple):
     """A spec with rows in it, what was written, and what to know.
