@@ -137,6 +137,8 @@ _BESIDE = {
 }
 # Quantities that units of columns are of.
 QUANTITIES_OF_COLUMNS = ("time", "position", "speed", "force")
+# Units of a picture, which a scale turns into lengths.
+PIXELS = ("px", "pixel", "pixels")
 # Units of a column that is a ratio, such as e.
 NO_UNIT = ("", "1", "-", "–", "—", "none", "dimensionless", "ohne", "a.u.", "n/a", "/")
 # The brackets in which a unit may stand: square ones first, as round ones are used for words too.
@@ -560,7 +562,7 @@ def _with_unit(name: str, unit: str) -> tuple[str, str]:
         unit = _with_prefix(divided) or _BY_POWER.sub(
             r"\1/\2", units.usual_unit(plain_unit(written))
         )
-        if is_unit(unit) or _with_prefix(divided):
+        if is_unit(unit) or unit in PIXELS or _with_prefix(divided):
             return name[: sign.start()].strip(" _"), unit
     # "seconds" alone.
     if len(name) > 2 and is_unit_of(plain_unit(name), "time") and name in _unit_words():

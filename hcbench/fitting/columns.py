@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -179,10 +178,6 @@ def _advice(table: Table, roles: dict[str, list[int]], unknown: list[int]) -> st
 
     roles: {role: numbers of its columns}. unknown: numbers of the columns with unknown names.
     """
-    if any(
-        {"px", "pixel", "pixels"} & set(re.split(r"[\W_]+", table.header[i][0])) for i in unknown
-    ):
-        return "Write lengths in place of pixels, such as 'y [m]'"
     if any(_is_of_trial(table.header[i][0]) for i in unknown):
         return "Name each column by what it has too, such as 'rebound height, trial 1 [cm]'"
     for kind, quantity, meaning in (

@@ -34,7 +34,7 @@ from hcbench.fitting.listening import listen, quick_score
 from hcbench.fitting.numbers_in_text import rows_in_text
 from hcbench.fitting.recording import is_sound, read_recording
 from hcbench.fitting.sheets import read_sheets
-from hcbench.fitting.table import Table, cell_of, computed, unit_scale
+from hcbench.fitting.table import Table, cell_of, computed
 from hcbench.fitting.tables import tables_of
 from hcbench.fitting.track import track_of, upright
 from hcbench.system.errors import UserError
@@ -615,12 +615,7 @@ def _rounding(columns: DataColumns, setup: MeasurementSetup) -> float:
         )
         digits = re.match(r"\d*", digits)[0]  # type: ignore[index]
         last = min(last, 10.0 ** -len(digits) if point else 1.0)
-    scale = unit_scale(
-        columns.table.name,
-        "height",
-        columns.table.unit_of(columns.places["height"], "position"),
-        "position",
-    )
+    scale = columns.table.scale(columns.places["height"], "position")
     given = float(columns.uncertainty("height").max(initial=0.0))
     return max(1.01 * last * scale, 3.0 * given, _OF_NOISE * float(heights.max()))
 
