@@ -60,6 +60,8 @@ _ABOUT_NUMBERS = re.compile(
 _OF_TYPE = re.compile(
     r"(?<=[,\d{(])[ \t]*/\*[^*\n]*\*/|(?<=\d)(?:[uU]?[lL]{1,2}|[uU]|[fF])(?=\s*[,})\n])"
 )
+# What h5dump prints about numbers: the place before each line, "(5): 1.84, 1.99,", and their type.
+_OF_DUMP = re.compile(r"^\s*(?:\(\d+(?:,\d+)*\):|DATA(?:TYPE|SPACE)\b.*)", re.MULTILINE)
 # What parts the phrases of a text, and the words of one.
 _SIGNS = re.compile(r"[=:,;{}\[\]\"|<>\n]+|//")
 # With the vowels that stand about a letter in Hindi or Thai: Python counts them as signs.
@@ -124,6 +126,7 @@ def rows_in_text(text: str) -> tuple[Row, ...]:
     """A header and rows of the numbers in a text, below what the text says before them; empty where
     no name of a column is known.
     """
+    text = _OF_DUMP.sub("", text)
     text = _OF_TYPE.sub("", re.sub(r"\bnp\.(?:float|int)\d+\(([^()]*)\)", r"\1", text))
     lines = _without_speakers(_lines(text))
     if len(lines) > _MOST_LINES or any(len(line) > _MOST_CHARACTERS for _, line in lines):
@@ -163,7 +166,10 @@ def _without_speakers(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:
         # The last number is the reading, after which its unit follows.
         reading = list(_NUMBER.finditer(match["said"]))[-1:] if match else []
         for number in reading if match else ():
-            words = [*match["said"][: number.start()].split(), *match["said"][number.end() :].split()]
+            words = [
+                *match["said"][: number.start()].split(),
+                *match["said"][number.end() :].split(),
+            ]
             for i, word in enumerate(words):
                 key = (*words[:i], "", *words[i + 1 :])
                 said[key][at] = (match["speaker"], word.lower())
@@ -171,7 +177,10 @@ def _without_speakers(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:
     for messages in said.values():
         speakers, words = (set(each) for each in zip(*messages.values(), strict=True))
         if len(messages) >= _LEAST and len(words) == len(messages) and len(speakers) > 1:
-            plain |= {at: (lines[at][0], _SPEAKER.sub(r"\g<clock>\g<said>", lines[at][1])) for at in messages}
+            plain |= {
+                at: (lines[at][0], _SPEAKER.sub(r"\g<clock>\g<said>", lines[at][1]))
+                for at in messages
+            }
     return list(plain.values())
 
 

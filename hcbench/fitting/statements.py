@@ -40,7 +40,9 @@ _SCALES = [
 ]
 # A number with a decimal sign and a unit or a degree: "25,0 mm", "1,50°". Three digits after the
 # sign may be thousands.
-_WITH_UNIT = re.compile(r"(?<![\w.,])\d+([.,])(?:\d{1,2}|\d{4,})(?![\d.,])\s*(°|[^\W\d_][^\W\d_/]*)")
+_WITH_UNIT = re.compile(
+    r"(?<![\w.,])\d+([.,])(?:\d{1,2}|\d{4,})(?![\d.,])\s*(°|[^\W\d_][^\W\d_/]*)"
+)
 # Units that columns do not have, but sentences beside them.
 _OTHER_UNITS = {"°", "g", "kg", "mg", "г", "кг", "deg", "grad"}
 # "read in centimetres", "in cm".
@@ -57,7 +59,10 @@ def metres_of_pixel(text: str) -> float | None:
         given = match.groupdict()
         unit = plain_unit(given["unit"])
         if is_unit_of(unit, "position"):
-            number = {one: float((given.get(one) or "1").replace(",", ".")) for one in ("pixels", "length")}
+            number = {
+                one: float((given.get(one) or "1").replace(",", "."))
+                for one in ("pixels", "length")
+            }
             if all(number.values()):
                 metre = unit_scale("scale", "scale", unit, "position")
                 found.add(float(f"{number['length'] * metre / number['pixels']:.9g}"))

@@ -48,6 +48,8 @@ _LEAST_SUMMED = 3
 _OF_A_SUM = 2e-3
 # Quantities whose units a line before the table may name.
 _UNITS_OF = {"unit of length": "position", "unit of time": "time"}
+# "heights = [62.1", "height_cm = c(50.8": a name before the numbers of a row.
+_NAME_OF_A_ROW = re.compile(r"(.*[^\d\s])\s*[:=]\s*(?:[\w.]*[\[({]+)?\s*(\S*)")
 # "240 fps", "48 kHz", "120 frames per second", "120 images/s", "30 кадров/с".
 _RATE_IN_WORDS = re.compile(
     r"(\d+(?:[.,]\d+)?)\s*(?:fps|(k?)hz|frames\s*per\s*s|[^\W\d_]{4,}\s*/\s*[sс]\b)", re.IGNORECASE
@@ -101,7 +103,7 @@ def _turned(rows: list[Row]) -> list[Row]:
     others: list[Row] = []
     for line, cells in rows:
         first, *rest = [*cells]
-        match = re.fullmatch(r"(.*\D)\s*[:=]\s*\[?\s*(\S*)", first)
+        match = _NAME_OF_A_ROW.fullmatch(first)
         if match is not None and role_of(*split_header(match[1])) in QUANTITY_OF:
             first, rest = match[1], [match[2], *rest] if match[2] else rest
         numeric = sum(map(looks_numeric, rest))
@@ -111,7 +113,7 @@ def _turned(rows: list[Row]) -> list[Row]:
             and numeric > 1
             and 2 * numeric > sum(1 for cell in rest if not is_missing(cell))
         ):
-            named.append((line, [first, *(cell.strip("[]") for cell in rest)]))
+            named.append((line, [first, *(cell.strip("[](){};") for cell in rest)]))
         else:
             others.append((line, cells))
     has_role = any(role_of(*split_header(cells[0])) in QUANTITY_OF for _, cells in named)
