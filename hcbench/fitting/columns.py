@@ -183,7 +183,9 @@ def _advice(table: Table, roles: dict[str, list[int]], unknown: list[int]) -> st
         return "Name each column by what it has too, such as 'rebound height, trial 1 [cm]'"
     gates = [i for i in unknown if is_unit_of(table.unit_of(i, "time"), "time")]
     if len({part for i in gates for part in meanings_of(table.header[i][0]) & _SIDES}) > 1:
-        return "Write speeds, such as a width over the time that it takes, as v_in [m/s],v_out [m/s]"
+        return (
+            "Write speeds, such as a width over the time that it takes, as v_in [m/s],v_out [m/s]"
+        )
     for kind, quantity, meaning in (
         ("times", "time", "the times of touches or the times between them"),
         ("heights", "position", "the heights of one bounce after the other"),
