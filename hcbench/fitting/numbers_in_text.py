@@ -163,24 +163,20 @@ def _without_speakers(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:
     said: defaultdict[tuple[str, ...], dict[int, tuple[str, str]]] = defaultdict(dict)
     for at, (_, line) in enumerate(lines):
         match = _SPEAKER.fullmatch(line)
+        if match is None or not (parts := [*_parts(match["said"])]):
+            continue
         # The last number is the reading, after which its unit follows.
-        reading = list(_NUMBER.finditer(match["said"]))[-1:] if match else []
-        for number in reading if match else ():
-            words = [
-                *match["said"][: number.start()].split(),
-                *match["said"][number.end() :].split(),
-            ]
-            for i, word in enumerate(words):
-                key = (*words[:i], "", *words[i + 1 :])
-                said[key][at] = (match["speaker"], word.lower())
+        words = [*match["said"].removesuffix(f"{parts[-1][1]}{parts[-1][2]}").split(), parts[-1][2]]
+        for i, word in enumerate(words[:-1]):
+            key = (*words[:i], "", *words[i + 1 :])
+            said[key][at] = (match["speaker"], word.lower())
     plain = dict(enumerate(lines))
     for messages in said.values():
-        speakers, words = (set(each) for each in zip(*messages.values(), strict=True))
-        if len(messages) >= _LEAST and len(words) == len(messages) and len(speakers) > 1:
-            plain |= {
-                at: (lines[at][0], _SPEAKER.sub(r"\g<clock>\g<said>", lines[at][1]))
-                for at in messages
-            }
+        speakers = {speaker for speaker, _ in messages.values()}
+        changing = {word for _, word in messages.values()}
+        if len(speakers) > 1 and len(changing) == len(messages) >= _LEAST:
+            for at in messages:
+                plain[at] = (lines[at][0], _SPEAKER.sub(r"\g<clock>\g<said>", lines[at][1]))
     return list(plain.values())
 
 

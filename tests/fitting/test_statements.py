@@ -17,6 +17,8 @@ from hcbench.system.errors import UserError
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from hcbench.fitting.datasets import Dataset
+
 H = 48.0 * 0.66 ** np.arange(6)
 BOUNCES = "bounce,height (cm)\n" + "".join(f"{i},{h:.1f}\n" for i, h in enumerate(H, 1))
 # Metres of a pixel of FILM.
@@ -35,9 +37,9 @@ def film(above: str, rate: int = 240) -> str:
     return f"# {rate} fps\n# {above}\nframe,y_px\n{rows}"
 
 
-def read(path: Path, text: str, **setup: Known) -> object:
+def read(path: Path, text: str, mass: Known | None = None) -> Dataset:
     path.write_text(text, encoding="utf-8")
-    return read_dataset(path, MeasurementSetup(**setup))
+    return read_dataset(path, MeasurementSetup(mass=mass))
 
 
 @pytest.mark.parametrize(
@@ -107,6 +109,13 @@ def test_a_chat_of_two_who_count_on_is_one_ball(tmp_path: Path) -> None:
     found = read(tmp_path / "chat.txt", chat("ready?", "yes", *messages))
     assert isinstance(found, Heights)
     assert found.heights == pytest.approx(H[:4] / 100, abs=1e-3)
+
+
+def test_a_chat_of_several_balls_is_refused(tmp_path: Path) -> None:
+    colours = ("red", "blue", "green", "white")
+    messages = [f"{one} got to {h:.1f} cm" for one, h in zip(colours, H, strict=False)]
+    with pytest.raises(UserError):
+        read(tmp_path / "chat.txt", chat(*messages))
 
 
 @pytest.mark.parametrize("ball", ["", " of my ball", " of the {} ball"])
