@@ -1,4 +1,4 @@
-"""What the text beside a table states about its numbers: the scale of a picture, the decimal sign, a unit."""
+"""Statements of a text about the numbers beside it: the scale of a picture, the decimal sign, a unit."""
 
 from __future__ import annotations
 

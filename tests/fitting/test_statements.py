@@ -1,4 +1,4 @@
-"""What a text says about the numbers beside it: a scale, a decimal sign, a unit, who reads them."""
+"""Statements of a text about its numbers: a scale, a decimal sign, a unit, who reads them."""
 
 from __future__ import annotations
 
