@@ -40,6 +40,7 @@ _PLUS_MINUS = re.compile(r"\s*(?:±|\+/?[-−]|\\pm)\s*")
 _SHORT = re.compile(r"([-+−]?\d*(?:[.,](\d+))?)\((\d+(?:[.,]\d+)?)\)")
 # "1:02.5", "0:00:01.234", "0:00:01:23" with hundredths, as Kinovea writes it.
 _CLOCK = re.compile(r"(?:(\d+):)?(\d{1,2}):(\d{1,2})(?:([.,:])(\d+))?")
+_OF_NUMPY = re.compile(r"\bnp\.\w+\(([^()]*)\)")
 _ADVICE = "Write numbers without a sign between the thousands"
 # 1970-01-01: later dates in seconds keep a microsecond.
 _EPOCH = 719163
@@ -151,8 +152,8 @@ class NumberStyle:
 
 
 def _bare(text: str) -> str:
-    """A cell without TeX's marks about a number and in it."""
-    text = text.strip().strip("$").strip().replace("{,}", ",")
+    """A cell without TeX's marks about a number and in it, or the type that NumPy prints about it."""
+    text = _OF_NUMPY.sub(r"\1", text).strip().strip("$").strip().replace("{,}", ",")
     # "1." and "1)" are the first.
     text = re.sub(r"^(\d+)[.):]$", r"\1", text)
     return text.replace("\\%", "%").replace("\\,", " ")

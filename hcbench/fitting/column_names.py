@@ -140,7 +140,7 @@ _BY_QUANTITY = {
 # of numbers may change what the rest means: a time beside a temperature may be a log of something else.
 _BESIDE = {
     *("number", "trial", "beside", "vertical", "bounce", "touch", "drop", "mean", "before"),
-    *("frame", "sample", "uncertainty"),
+    *("frame", "sample"),
 }
 # Quantities that units of columns are of.
 QUANTITIES_OF_COLUMNS = ("time", "position", "speed", "force", "energy")

@@ -144,6 +144,7 @@ def columns_of(table: Table, asked: str | None = None) -> DataColumns:
             unknown.append(i)
             of_rows += [i] if counts(cells) else []
     _leave_counters(table, roles)
+    table = _with_lone_uncertainty(table, roles, unknown)
     _part_numbered(table, roles)
     _part_by_others(table, roles)
     places: dict[str, int] = {}
@@ -280,6 +281,23 @@ def _leave_counters(table: Table, roles: dict[str, list[int]]) -> None:
         roles[role] = kept[role]
         if not kept[role]:
             del roles[role]
+
+
+def _with_lone_uncertainty(table: Table, roles: dict[str, list[int]], unknown: list[int]) -> Table:
+    """The table with the unit of the column before in each column that is named "SD" or "±" alone:
+    it is the uncertainty of that column.
+
+    roles: {role: numbers of its columns}. unknown: numbers of the columns without a role.
+    """
+    header = list(table.header)
+    for i in [i for i in unknown if meanings_of(header[i][0]) == {"uncertainty"}]:
+        of = next((role for role, at in roles.items() if i - 1 in at and role in QUANTITY_OF), "")
+        unit = header[i][1] or table.unit_of(i - 1, QUANTITY_OF[of]) if of else ""
+        if of and f"u_{of}" not in roles and (not unit or is_unit_of(unit, QUANTITY_OF[of])):
+            header[i] = (header[i][0], unit)
+            roles[f"u_{of}"] = [i]
+            unknown.remove(i)
+    return replace(table, header=tuple(header))
 
 
 def _part_numbered(table: Table, roles: dict[str, list[int]]) -> None:

@@ -190,13 +190,13 @@ def test_a_column_that_counts_is_no_interval(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.diff(data.times), flights, atol=1e-4)
 
 
-def test_a_column_named_sd_alone_is_beside_the_data(tmp_path: Path) -> None:
+def test_a_column_named_sd_is_the_uncertainty_of_the_one_before(tmp_path: Path) -> None:
     heights = 0.6 * 0.7 ** np.arange(8)
     path = tmp_path / "heights.csv"
     path.write_text(table("height (cm),SD", 1e2 * heights, 0 * heights + 0.2))
     data = read_dataset(path, EXACT)
     assert isinstance(data, Heights)
-    assert data.heights == pytest.approx(heights, rel=1e-3)
+    assert data.uncertainty == pytest.approx(2e-3)
 
 
 def test_a_row_without_a_time_is_named(tmp_path: Path) -> None:
