@@ -698,9 +698,9 @@ def _energies(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     Raises UserError without the mass, for energies of 0 and below, and a gain of energy.
     """
     name = columns.table.name
+    before, after = columns.get("energy_in"), columns.get("energy_out")
     if setup.mass is None:
         raise UserError("mass", f"not given for {name}", "the mass of the ball")
-    before, after = columns.get("energy_in"), columns.get("energy_out")
     columns.require("energy_in", before > 0, "above 0")
     columns.require("energy_out", (after >= 0) & (after <= before), "from 0 to the energy before")
     e = np.sqrt(after / before)
