@@ -30,10 +30,8 @@ _HALVINGS = 3
 _DIAMETER = 40e-3
 # ln of the prior odds of such a ball against one that is heavy for its size.
 _LIGHT = math.log(0.1)
-# s/m: the air of a table tennis ball adds 0.006 to 0.014 to α. A constant e in air seems no larger α
-# than the first; of a larger α than the second, the air is less than 5 % where touches are timed.
+# s/m: the air of a table tennis ball adds 0.006 to 0.014 to α; a constant e in air seems no larger α.
 _MOST_OF_CONSTANT = 0.09
-_MOST_ALPHA = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +54,7 @@ def rivals_in_air(
     widths: Sequence[Floats],
 ) -> AirRivals:
     """The fits in air that rival those in a vacuum: a constant e, and a smaller α; none for a given
-    ball, for single impacts, or a large α.
+    ball, for single impacts, or where the data show no α.
 
     fits: of all laws, in a vacuum. widths: per data set (m,), of each e's scatter over s_e.
     Beside a constant e in a vacuum, the one in air is the only rival: it is another e.
@@ -65,7 +63,7 @@ def rivals_in_air(
         return AirRivals()
     is_constant = "constant" in laws_left({name: fit.log_evidence for name, fit in fits.items()})
     alpha = alpha_of(fits[PLAIN], fits[WITH_E0]).value
-    if not is_constant and not 0.0 < alpha < _MOST_ALPHA:
+    if not is_constant and not alpha > 0.0:
         return AirRivals()
     reference = fits[PLAIN].reference
     # ln of the evidence from which a fit in air is not ruled out.

@@ -38,6 +38,9 @@ _OPEN = {"touch", "bounce", "number", *map(str, range(10))}
 _ASKED = {"times": "time", "heights": "position"}
 # Roles beside which a column in a unit of force is not taken for the force.
 _HELD = {"force", "height"}
+_AXES = ({"x"}, {"y"}, {"z"})
+# Share by which the acceleration of a phone at rest differs from g, at most.
+_NEAR_REST = 0.05
 # Share of g by which free fall may miss it where metres and seconds are assumed.
 _NEAR_G = 0.2
 
@@ -117,6 +120,7 @@ def completed(table: Table, asked: str | None) -> tuple[Table, str]:
     a track; times of which each flight is shorter than the one before are those of touches.
     Raises UserError for numbers without any name that are neither.
     """
+    _require_places(table)
     columns = _SortedColumns.of(table)
     known = columns.known
     bare = columns.bare
@@ -155,6 +159,19 @@ def completed(table: Table, asked: str | None) -> tuple[Table, str]:
         got = f"begins with the numbers {', '.join(table.cells[0])!r:.60}"
         raise UserError(table.name, got, "a header")
     return _with_names(table, taken, why)
+
+
+def _require_places(table: Table) -> None:
+    """Raise UserError for x, y and z without units that are accelerations: at rest they are g together."""
+    axes = [
+        i for i, (name, unit) in enumerate(table.header) if not unit and meanings_of(name) in _AXES
+    ]
+    if len(axes) == len(_AXES):
+        size = np.linalg.norm([table.numbers(i) for i in axes], axis=0)
+        if abs(np.nanmedian(size) / STANDARD_GRAVITY - 1.0) < _NEAR_REST:
+            names = ", ".join(table.header[i][0] for i in axes)
+            advice = "Write the times of its peaks under 'touch time [s]'"
+            raise UserError(table.name, f"accelerations in the columns {names}", "places", advice)
 
 
 def _are_labels(table: Table, begin: int, end: int) -> bool:

@@ -15,7 +15,7 @@ from hcbench.system.errors import UserError
 from hcbench.terms import units
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Collection, Iterable, Sequence
 
 # Cells without a number.
 MISSING = {
@@ -226,10 +226,13 @@ def _is_grouped(mantissa: str, sign: str, decimal: str) -> bool:
     )
 
 
-def style_of(name: str, columns: Sequence[Sequence[str]]) -> NumberStyle:
+def style_of(
+    name: str, columns: Sequence[Sequence[str]], beside: Collection[str] = ()
+) -> NumberStyle:
     """The style of all numbers of a table.
 
-    name: what errors call the file. columns: their cells.
+    name: what errors call the file. columns: their cells. beside: decimal signs of the numbers in the
+    text around the table, which tell where the table does not.
     A file has one decimal sign. A comma before three digits may part thousands: then another number
     has to tell.
     Raises UserError where none does.
@@ -247,6 +250,8 @@ def style_of(name: str, columns: Sequence[Sequence[str]]) -> NumberStyle:
             "one decimal sign in the file",
             _ADVICE,
         )
+    if not of_decimal and len(beside) == 1:
+        return NumberStyle(*beside)
     if not of_decimal:
         if unclear[","] and not unclear["."]:
             number = unclear[","][0][1]

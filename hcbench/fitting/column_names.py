@@ -32,6 +32,8 @@ QUANTITY_OF = {
     "penetration": "position",
     "rate": "speed",
     "force": "force",
+    "energy_in": "energy",
+    "energy_out": "energy",
 }
 EXPECTED_COLUMNS = (
     "columns such as time [s], height [cm], speed [m/s],restitution or v_in [m/s],v_out [m/s]"
@@ -43,6 +45,7 @@ DATA_KINDS: dict[frozenset[str], str] = {
     frozenset({"time", "force"}): "force",
     frozenset({"time", "height"}): "track",
     frozenset({"speed_in", "speed_out"}): "speeds",
+    frozenset({"energy_in", "energy_out"}): "energies",
     frozenset({"height_in", "height_out"}): "rises",
     frozenset({"height_in", "interval"}): "rises",
     frozenset({"speed", "restitution"}): "pairs",
@@ -69,6 +72,8 @@ _EXAMPLES = {
     "penetration": ("penetration [um]", "4.5"),
     "rate": ("rate [m/s]", "0.3"),
     "force": ("force [N]", "12"),
+    "energy_in": ("energy before [mJ]", "18"),
+    "energy_out": ("energy after [mJ]", "10"),
 }
 # Meanings of whole files, which no column has.
 _OF_FILES = ("frequency", "unit of length", "unit of time", "units", "dimension of x")
@@ -103,6 +108,8 @@ _ROLES: tuple[tuple[str, set[str], set[str]], ...] = (
     ("speed", {"speed"}, {"vertical"}),
     ("restitution", {"restitution"}, {*_EVENTS, "vertical"}),
     ("squared", {"restitution", "squared"}, _EVENTS),
+    ("energy_in", {"energy", "before"}, _EVENTS),
+    ("energy_out", {"energy", "after"}, _EVENTS),
     ("squared", {"energy", "ratio"}, {*_EVENTS, "after"}),
     ("squared", {"energy", "restitution"}, set()),
     ("squared", {"height", "ratio"}, {"bounce", "after"}),
@@ -136,7 +143,9 @@ _BESIDE = {
     *("frame", "sample"),
 }
 # Quantities that units of columns are of.
-QUANTITIES_OF_COLUMNS = ("time", "position", "speed", "force")
+QUANTITIES_OF_COLUMNS = ("time", "position", "speed", "force", "energy")
+# Units of a picture, which a scale turns into lengths.
+PIXELS = ("px", "pixel", "pixels")
 # Units of a column that is a ratio, such as e.
 NO_UNIT = ("", "1", "-", "–", "—", "none", "dimensionless", "ohne", "a.u.", "n/a", "/")
 # The brackets in which a unit may stand: square ones first, as round ones are used for words too.
@@ -415,6 +424,9 @@ def _role_of_meanings(found: set[str], unit: str) -> str:
 
     Digits of a single column do not count; where two columns differ in them, `columns_of` asks.
     """
+    if "restitution" in found and is_unit_of(unit, "energy"):
+        # "E before [mJ]"
+        found = found - {"restitution"} | {"energy"}
     digits = {meaning for meaning in found if meaning.isdigit()}
     # "rebound height, trial 1"
     found = found - digits - ({"trial"} if digits else set())
@@ -560,7 +572,7 @@ def _with_unit(name: str, unit: str) -> tuple[str, str]:
         unit = _with_prefix(divided) or _BY_POWER.sub(
             r"\1/\2", units.usual_unit(plain_unit(written))
         )
-        if is_unit(unit) or _with_prefix(divided):
+        if is_unit(unit) or unit in PIXELS or _with_prefix(divided):
             return name[: sign.start()].strip(" _"), unit
     # "seconds" alone.
     if len(name) > 2 and is_unit_of(plain_unit(name), "time") and name in _unit_words():
@@ -594,7 +606,7 @@ def _with_prefix(text: str) -> str:
 
 @cache
 def is_unit(text: str) -> bool:
-    """True for the unit of a column of times, places, speeds or forces, and for %."""
+    """True for the unit of a column of times, places, speeds, forces or energies, and for %."""
     return any(is_unit_of(text, quantity) for quantity in QUANTITIES_OF_COLUMNS) or text == "%"
 
 
@@ -603,8 +615,7 @@ def is_unit_of(text: str, quantity: str) -> bool:
     """True for a unit of this quantity, in a word of any language."""
     scaled = _with_prefix(text)
     text = _BY_POWER.sub(r"\1/\2", units.usual_unit(plain_unit(text)))
-    usual = {"time": "s", "position": "m", "speed": "m/s", "force": "N"}
-    if not (scaled or text in _usual_units()) or quantity not in usual:
+    if not (scaled or text in _usual_units()) or quantity not in QUANTITIES_OF_COLUMNS:
         return False
     try:
         units.parse(f"1 {text}", quantity, "unit")

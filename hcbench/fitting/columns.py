@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -39,6 +38,7 @@ if TYPE_CHECKING:
 _SAME = 2e-3
 # Rows with a name each, at least, that are something else than bounces.
 _LEAST_NAMED = 2
+_SIDES = {"before", "after"}
 # Kinds of one column: any other column of numbers may change what it means.
 _ALONE = ("times", "heights")
 
@@ -179,12 +179,13 @@ def _advice(table: Table, roles: dict[str, list[int]], unknown: list[int]) -> st
 
     roles: {role: numbers of its columns}. unknown: numbers of the columns with unknown names.
     """
-    if any(
-        {"px", "pixel", "pixels"} & set(re.split(r"[\W_]+", table.header[i][0])) for i in unknown
-    ):
-        return "Write lengths in place of pixels, such as 'y [m]'"
     if any(_is_of_trial(table.header[i][0]) for i in unknown):
         return "Name each column by what it has too, such as 'rebound height, trial 1 [cm]'"
+    gates = [i for i in unknown if is_unit_of(table.unit_of(i, "time"), "time")]
+    if len({part for i in gates for part in meanings_of(table.header[i][0]) & _SIDES}) > 1:
+        return (
+            "Write speeds, such as a width over the time that it takes, as v_in [m/s],v_out [m/s]"
+        )
     for kind, quantity, meaning in (
         ("times", "time", "the times of touches or the times between them"),
         ("heights", "position", "the heights of one bounce after the other"),

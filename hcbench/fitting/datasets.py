@@ -97,6 +97,14 @@ class Dataset(NoisyData, ABC):
         return replace(self, setup=setup)  # type: ignore[type-var]
 
 
+def rounding_of(values: Floats) -> float:
+    """Error of readings by their last digit, SI: a third of its unit, 0.02 of a thousandth at least."""
+    for digits in range(1, 6):
+        if np.allclose(values, np.round(values, digits), rtol=0.0, atol=1e-9):
+            return 0.3 * 10.0**-digits
+    return 2e-5
+
+
 @dataclass(frozen=True, slots=True)
 class BounceTrain:
     """Flights of a ball, one after the other, with the impacts between them.
@@ -189,9 +197,12 @@ class TouchTimes(Dataset):
     recording: Recording | None = None
     heard: tuple[Picks, ...] = ()
     assumed: str = ""
-    # Likely size of the measuring noise, in the data's SI unit.
-    noise_scale: ClassVar[float] = 2e-4
     noise_unit: ClassVar[str] = "s"
+
+    @property
+    def noise_scale(self) -> float:
+        """Likely size of the noise of measuring, s: that of a table is its rounding at least."""
+        return 2e-4 if self.picks is not None else max(2e-4, rounding_of(self.times))
 
     @property
     def kind(self) -> str:

@@ -34,8 +34,8 @@ _OF_TIMES = {"time", "interval", "touch", "bounce", "begin", "beside"}
 # Share by which rebounds from one height differ, at most.
 _SAME_REBOUND = 0.2
 # Roles of impacts measured one by one, and those of them after the impact.
-_AFTER = {"height_out", "speed_out"}
-_OF_PAIRS = {"height_in", "speed", "speed_in", "restitution", "squared", *_AFTER}
+_AFTER = {"height_out", "speed_out", "energy_out"}
+_OF_PAIRS = {"height_in", "speed", "speed_in", "energy_in", "restitution", "squared", *_AFTER}
 
 
 def drops_of(table: Table) -> list[Table]:

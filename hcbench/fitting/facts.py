@@ -43,11 +43,18 @@ _FREE = "Record a ball that nothing drives, or give pairs of speeds before and a
 _FACTS = {
     "tilt": (r"°|º|deg\w*|gra[du]\w*|度", "a vertical fall", _ALONG),
     "track": ("", "a vertical fall", _ALONG),
+    "upper edge": (
+        "",
+        "heights of the bottom of the ball",
+        "Subtract the ball's diameter from each",
+    ),
     "left out": ("", "each bounce", "Number the bounces in a column of their own"),
     "throw": (r"k?m/[sh]|mph|ft/s|[cm]m/s|м/с", "a fall from rest", _PAIRS),
     "moving plate": (r"k?m/[sh]|ft/s|[cm]m/s|hz|м/с|гц", "a plate at rest", _TO_PLATE),
     "driven ball": ("", "free bounces", _FREE),
 }
+# Facts that words about them may deny: "not dribbled".
+_DENIED = ("driven ball", "upper edge")
 # Words between a support and its motion, and between its motion and it: "is slowly moving",
 # "vibrating steel plate".
 _IS = r"(?:is|was|were|are|being|been|has|itself|wird|wurde|ist|war|est|etait|era|es|e|\w+ly)"
@@ -80,6 +87,8 @@ def require_usual_fall(
     counts = dict.fromkeys(("gravity", "tilt", "track"), falls)
     counts["throw"] = is_dropped or setup.height is not None
     counts["driven ball"] = any(data.needs_gravity for _, data in found)
+    # A track may be of any point of the ball.
+    counts["upper edge"] = is_dropped or any(data.kind == "heights" for _, data in found)
     # Bounces that are numbered may be left out.
     counts["left out"] = any(
         data.needs_gravity and getattr(data, "numbers", None) is None for _, data in found
@@ -110,7 +119,7 @@ def _said(text: str, gravity: float) -> Iterator[tuple[str, str]]:
     for fact in _FACTS:
         if any(word in text for word in words_of_texts(fact)):
             for match in _pattern(fact).finditer(text):
-                if fact != "driven ball" or not _is_denied(match):
+                if fact not in _DENIED or not _is_denied(match):
                     yield fact, match[0].strip()
     moves = (*words_of_texts("moving"), "moved", *words_of_texts("shaker"))
     for match in _moving_plate().finditer(text) if any(word in text for word in moves) else ():

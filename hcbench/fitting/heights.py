@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from scipy.special import ndtr
 
-from hcbench.fitting.datasets import Dataset, bounce_train, drop_prior, pairs_of_launches
+from hcbench.fitting.datasets import (
+    Dataset,
+    bounce_train,
+    drop_prior,
+    pairs_of_launches,
+    rounding_of,
+)
 from hcbench.fitting.estimate import ENDS
 from hcbench.fitting.linear import Estimate, LinearModel
 from hcbench.terms.resolution import SIGMAS_95
@@ -139,8 +145,12 @@ class Heights(Dataset):
     uncertainty: float | None = None
     assumed: str = ""
     numbers: Indices | None = None
-    noise_scale: ClassVar[float] = 1e-3
     noise_unit: ClassVar[str] = "m"
+
+    @property
+    def noise_scale(self) -> float:
+        """Likely size of the noise of measuring, m: its rounding at least."""
+        return max(1e-3, rounding_of(self.heights))
 
     @property
     def kind(self) -> str:

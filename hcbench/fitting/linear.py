@@ -12,6 +12,7 @@ one e moves every later touch.
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -254,9 +255,12 @@ def noise_prior(log_noise: Floats, scale: float) -> Floats:
 class NoisyData:
     """Data with noise of measuring, s_m, in their SI unit."""
 
-    # Likely noise of measuring.
-    noise_scale: ClassVar[float]
     noise_unit: ClassVar[str]
+
+    @property
+    @abstractmethod
+    def noise_scale(self) -> float:
+        """Likely noise of measuring, in the data's SI unit."""
 
     @property
     def known_noise(self) -> float | None:

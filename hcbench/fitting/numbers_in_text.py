@@ -45,6 +45,10 @@ _DAY = re.compile(
 )
 # The day after a clock's time, as chats copy it: "[14:10, 03/05/2024]".
 _DAY_AFTER = re.compile(r"(\[\d{1,2}:\d\d(?::\d\d)?), \d{1,4}([-/.])\d{1,2}\2\d{1,4}(?=\])")
+# The writer of a message: "[19:03] Mia: first bounce", "14:22 - Mia: first bounce".
+_SPEAKER = re.compile(
+    rf"(?P<clock>\[?{_CLOCK}\]?(?:\s*[-–])?\s+)(?P<speaker>[^\W\d][^:\d\n]{{0,30}}):\s+(?P<said>.+)"
+)
 # Numbers of a list have points: a comma is between them.
 _IN_LIST = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?(?![\w.]*\d)")
 _BETWEEN = re.compile(r"[\s,;]+")
@@ -56,6 +60,8 @@ _ABOUT_NUMBERS = re.compile(
 _OF_TYPE = re.compile(
     r"(?<=[,\d{(])[ \t]*/\*[^*\n]*\*/|(?<=\d)(?:[uU]?[lL]{1,2}|[uU]|[fF])(?=\s*[,})\n])"
 )
+# What h5dump prints about numbers: the place before each line, "(5): 1.84, 1.99,", and their type.
+_OF_DUMP = re.compile(r"^\s*(?:\(\d+(?:,\d+)*\):|DATA(?:TYPE|SPACE)\b.*)", re.MULTILINE)
 # What parts the phrases of a text, and the words of one.
 _SIGNS = re.compile(r"[=:,;{}\[\]\"|<>\n]+|//")
 # With the vowels that stand about a letter in Hindi or Thai: Python counts them as signs.
@@ -120,8 +126,9 @@ def rows_in_text(text: str) -> tuple[Row, ...]:
     """A header and rows of the numbers in a text, below what the text says before them; empty where
     no name of a column is known.
     """
+    text = _OF_DUMP.sub("", text)
     text = _OF_TYPE.sub("", re.sub(r"\bnp\.(?:float|int)\d+\(([^()]*)\)", r"\1", text))
-    lines = _lines(text)
+    lines = _without_speakers(_lines(text))
     if len(lines) > _MOST_LINES or any(len(line) > _MOST_CHARACTERS for _, line in lines):
         return ()
     found = max(_of_labels(lines), _of_records(lines), _of_lists(text), key=_Columns.known)
@@ -144,6 +151,33 @@ def _lines(text: str) -> list[tuple[int, str]]:
         for part in (re.split(r"(?<=.)(?=<)", line) if is_markup else [line])
         if part.strip()
     ]
+
+
+def _without_speakers(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:
+    """The lines of a chat without the writers of messages that count on: of "first bounce 62 cm" by one
+    and "second bounce 40 cm" by the other.
+
+    Messages count on where all but one of their words are alike, and that one is never the same:
+    two people who each measure a ball of their own say "first" twice.
+    """
+    said: defaultdict[tuple[str, ...], dict[int, tuple[str, str]]] = defaultdict(dict)
+    for at, (_, line) in enumerate(lines):
+        match = _SPEAKER.fullmatch(line)
+        if match is None or not (parts := [*_parts(match["said"])]):
+            continue
+        # The last number is the reading, after which its unit follows.
+        words = [*match["said"].removesuffix(f"{parts[-1][1]}{parts[-1][2]}").split(), parts[-1][2]]
+        for i, word in enumerate(words[:-1]):
+            key = (*words[:i], "", *words[i + 1 :])
+            said[key][at] = (match["speaker"], word.lower())
+    plain = dict(enumerate(lines))
+    for messages in said.values():
+        speakers = {speaker for speaker, _ in messages.values()}
+        changing = {word for _, word in messages.values()}
+        if len(speakers) > 1 and len(changing) == len(messages) >= _LEAST:
+            for at in messages:
+                plain[at] = (lines[at][0], _SPEAKER.sub(r"\g<clock>\g<said>", lines[at][1]))
+    return list(plain.values())
 
 
 def _of_records(lines: Sequence[tuple[int, str]]) -> _Columns:

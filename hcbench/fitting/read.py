@@ -34,7 +34,7 @@ from hcbench.fitting.listening import listen, quick_score
 from hcbench.fitting.numbers_in_text import rows_in_text
 from hcbench.fitting.recording import is_sound, read_recording
 from hcbench.fitting.sheets import read_sheets
-from hcbench.fitting.table import Table, cell_of, computed, unit_scale
+from hcbench.fitting.table import Table, cell_of, computed
 from hcbench.fitting.tables import tables_of
 from hcbench.fitting.track import track_of, upright
 from hcbench.system.errors import UserError
@@ -136,7 +136,7 @@ def read_datasets(
         in_text = [replace(sheet, rows=rows_in_text(sheet.text)) for sheet in sheets]
         found, refused_too = _read(in_text, setup, kind)
         if not found:
-            raise _worst([*refused, *refused_too])
+            raise _with_what_is_said(sheets, _worst([*refused, *refused_too]))
         refused = refused_too
     _require_all_read(found, refused)
     require_usual_fall(sheets, found, setup)
@@ -376,25 +376,21 @@ def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> 
         try:
             return _fitted_force(columns, setup, of_kind)
         except UserError as error:
-            line, value = _said_with_unit(path, error.slot)
-            if not value:
-                raise
-            advice = f"The file has {line!r}: give --{error.slot} {value!r} if that is it"
-            raise UserError(error.slot, error.got, error.expected, advice) from error
+            raise _with_what_is_said(read_sheets(path), error) from error
 
 
-def _said_with_unit(path: Path, option: str) -> tuple[str, str]:
-    """The first line of a file with a number in a unit of an option, mass or speed, and that number
-    with its unit; two "" for none.
+def _with_what_is_said(sheets: list[Sheet], error: UserError) -> UserError:
+    """An error about an option that is missing, mass or speed, with the line of the file that may tell it;
+    any other error as it is.
     """
-    unit = {"mass": r"(?:k|m)?g\b", "speed": r"(?:[ck]?m/s|km/h)"}.get(option)
-    if unit is None:
-        return "", ""
-    for sheet in read_sheets(path):
-        for line in sheet.text.splitlines():
-            if match := re.search(rf"\d+(?:\.\d+)?\s*{unit}", line):
-                return line.strip(), match[0]
-    return "", ""
+    unit = {"mass": r"(?:[kmкм]?[gг]|克)\b", "speed": r"(?:[ck]?m/s|km/h)"}.get(error.slot)
+    lines = "\n".join(sheet.text for sheet in sheets).splitlines() if unit else []
+    for line in lines:
+        if match := re.search(rf"\d+(?:[.,]\d+)?\s*{unit}", line):
+            value = match[0].replace(",", ".")
+            advice = f"The file has {line.strip()!r}: give --{error.slot} {value!r} if that is it"
+            return UserError(error.slot, error.got, error.expected, advice)
+    return error
 
 
 def _fitted_force(columns: DataColumns, setup: MeasurementSetup, kind: str) -> ForceFit:
@@ -615,12 +611,7 @@ def _rounding(columns: DataColumns, setup: MeasurementSetup) -> float:
         )
         digits = re.match(r"\d*", digits)[0]  # type: ignore[index]
         last = min(last, 10.0 ** -len(digits) if point else 1.0)
-    scale = unit_scale(
-        columns.table.name,
-        "height",
-        columns.table.unit_of(columns.places["height"], "position"),
-        "position",
-    )
+    scale = columns.table.scale(columns.places["height"], "position")
     given = float(columns.uncertainty("height").max(initial=0.0))
     return max(1.01 * last * scale, 3.0 * given, _OF_NOISE * float(heights.max()))
 
@@ -701,6 +692,24 @@ def _require_e(columns: DataColumns, e: Floats) -> None:
     columns.require("restitution", ~off | np.isnan(written), expected)
 
 
+def _energies(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
+    """Impacts from the kinetic energies before and after, J: speeds, m/s, by the mass.
+
+    Raises UserError without the mass, for energies of 0 and below, and a gain of energy.
+    """
+    name = columns.table.name
+    before, after = columns.get("energy_in"), columns.get("energy_out")
+    if setup.mass is None:
+        raise UserError("mass", f"not given for {name}", "the mass of the ball")
+    columns.require("energy_in", before > 0, "above 0")
+    columns.require("energy_out", (after >= 0) & (after <= before), "from 0 to the energy before")
+    e = np.sqrt(after / before)
+    _require_e(columns, e)
+    speed = np.sqrt(2.0 * before / setup.mass.value)
+    nothing = np.zeros(len(before))
+    return _checked_pairs(SpeedPairs(name, setup, speed, e, nothing, nothing, twice=True))
+
+
 def _rises(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     """Impacts from heights of drops and of their rebounds, m: the speeds in and out of each impact,
     m/s.
@@ -772,4 +781,5 @@ _READERS: dict[str, Callable[[DataColumns, MeasurementSetup], Dataset]] = {
     "pairs": _pairs,
     "speeds": _speeds,
     "rises": _rises,
+    "energies": _energies,
 }

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.datasets import TouchTimes
+from hcbench.fitting.datasets import TouchTimes, rounding_of
 from hcbench.fitting.heights import Heights, SpeedPairs
 
 if TYPE_CHECKING:
@@ -206,12 +206,12 @@ def _impacts(s: Dataset) -> tuple[Floats, Floats, Floats]:
     if isinstance(s, TouchTimes):
         flights = np.diff(s.times) - s.setup.contact_time.value
         steps = np.diff(s.which)
-        of_time = 1.5 * _resolution(s.times)
+        of_time = 1.5 * rounding_of(s.times)
         return _from_flights(np.maximum(flights, 1e-6), steps, of_time, g)
     assert isinstance(s, Heights)
     launch = np.sqrt(2.0 * g * s.heights)
     ratio: Floats = np.log(launch[1:] / launch[:-1]) / np.diff(s.which)
-    of_height = _resolution(s.heights) / s.heights
+    of_height = rounding_of(s.heights) / s.heights
     error: Floats = np.hypot(0.5 * np.hypot(of_height[1:], of_height[:-1]), _SMOOTHEST)
     return np.sqrt(launch[1:] * launch[:-1]), ratio, error
 
@@ -249,11 +249,3 @@ def _common_e(ratio: float, count: int) -> float:
             slope = sum(k * powers[k - 1] for k in range(1, count + 1))
             e = max(e - (sum(powers[1:]) - ratio) / slope, 1e-3)
     return max(e, 1e-6)
-
-
-def _resolution(values: Floats) -> float:
-    """Error of readings by their last digit, SI: a third of its unit, 0.02 of a thousandth at least."""
-    for digits in range(1, 6):
-        if np.allclose(values, np.round(values, digits), rtol=0.0, atol=1e-9):
-            return 0.3 * 10.0**-digits
-    return 2e-5

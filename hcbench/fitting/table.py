@@ -13,6 +13,7 @@ import numpy as np
 from hcbench.fitting.cells import NumberCell, NumberStyle, is_missing
 from hcbench.fitting.column_names import (
     NO_UNIT,
+    PIXELS,
     QUANTITIES_OF_COLUMNS,
     is_unit_of,
     plain_unit,
@@ -28,8 +29,9 @@ if TYPE_CHECKING:
 
 # Smallest measured value of bounces, SI; its inverse is the largest.
 _SMALLEST = 1e-12
-# Units of a picture or of print: no lengths of the scene.
-_NO_LENGTHS = ("px", "pixel", "pixels", "dot", "pt")
+# Units of print: no lengths of the scene.
+_NO_LENGTHS = (*PIXELS, "dot", "pt")
+_ADVICE_OF_PIXELS = "Write the scale into a line above the table, such as '412 px = 1 m'"
 # Times beyond this, in any unit, count from a date: the first of them is taken off.
 _OF_A_DATE = 1e6
 # Seconds since 1970 in the years 2001 and 2096.
@@ -54,6 +56,7 @@ class Table:
     cells: text, a row each; lines: their numbers in the file.
     style: of the numbers. frequency: of frames or samples, Hz; None for none.
     units: those of a quantity that lines before the table name, such as {"position": "mm"}.
+    pixel: metres of one pixel, by the scale that the file states; None for none.
     """
 
     name: str
@@ -63,6 +66,7 @@ class Table:
     style: NumberStyle = _POINTS
     frequency: float | None = None
     units: tuple[tuple[str, str], ...] = ()
+    pixel: float | None = None
 
     def number(self, text: str) -> float:
         """A cell as a number; NaN for what is none."""
@@ -88,7 +92,7 @@ class Table:
 
     def in_unit(self, at: int, quantity: str) -> Floats:
         """A column in SI, (n,); NaN for other text. Raises UserError for a missing unit."""
-        return np.asarray(self._scale(at, quantity) * self.numbers(at))
+        return np.asarray(self.scale(at, quantity) * self.numbers(at))
 
     def has_number(self, at: int) -> bool:
         """Say whether any cell of a column is a number."""
@@ -117,7 +121,7 @@ class Table:
             raise UserError(self.name, got, "a plain name", advice)
         if not unit:
             return
-        scale = self._scale(at, quantity)
+        scale = self.scale(at, quantity)
         for cell, text, line in zip(cells, self.texts(at), self.lines, strict=True):
             # A time of the clock is in seconds under any header.
             if not cell.unit or ":" in text:
@@ -130,7 +134,7 @@ class Table:
     def uncertainty(self, at: int, quantity: str) -> Floats:
         """Standard uncertainties that cells such as "0.20 ± 0.01" have, in SI; 0 for none."""
         each = [cell.uncertainty for cell in self._read(at)]
-        return np.asarray(self._scale(at, quantity) * np.nan_to_num(np.array(each)))
+        return np.asarray(self.scale(at, quantity) * np.nan_to_num(np.array(each)))
 
     def _read(self, at: int) -> list[NumberCell]:
         """The cells of a column as numbers. Raises UserError for a cell that is not a number.
@@ -166,8 +170,10 @@ class Table:
                 return unit
         return ""
 
-    def _scale(self, at: int, quantity: str) -> float:
+    def scale(self, at: int, quantity: str) -> float:
         """One unit of a column in SI. Raises UserError for a missing one, and one that does not fit."""
+        if self.pixel is not None and quantity == "position" and self.header[at][1] in PIXELS:
+            return self.pixel
         return unit_scale(self.name, self.header[at][0], self.unit_of(at, quantity), quantity)
 
     def _in_si(self, at: int, quantity: str, each: list[float]) -> Floats:
@@ -176,7 +182,7 @@ class Table:
 
         at: number of the column. each: its numbers, in its unit.
         """
-        scale = self._scale(at, quantity)
+        scale = self.scale(at, quantity)
         values = np.array(each)
         if quantity == "time" and len(values) and values.min() > _OF_A_DATE:
             values = values - values.min()
@@ -247,7 +253,8 @@ def unit_scale(file: str, name: str, unit: str, quantity: str) -> float:
         expected = "none: it is a ratio"
         if si_unit:
             expected = f"one that converts to {si_unit}"
-        raise UserError(file, got, expected) from None
+        advice = _ADVICE_OF_PIXELS if unit in PIXELS else ""
+        raise UserError(file, got, expected, advice) from None
 
 
 def cell_of(row: Sequence[str], at: int) -> str:

@@ -24,6 +24,7 @@ from hcbench.fitting.column_names import (
 )
 from hcbench.fitting.drops import LEAST_ROWS, drops_of
 from hcbench.fitting.separators import listed_names, names_in_brackets, trimmed
+from hcbench.fitting.statements import decimal_signs, metres_of_pixel, require_one_unit
 from hcbench.fitting.table import Table, cell_of
 from hcbench.system.errors import UserError
 
@@ -47,6 +48,8 @@ _LEAST_SUMMED = 3
 _OF_A_SUM = 2e-3
 # Quantities whose units a line before the table may name.
 _UNITS_OF = {"unit of length": "position", "unit of time": "time"}
+# "heights = [62.1", "height_cm = c(50.8": a name before the numbers of a row.
+_NAME_OF_A_ROW = re.compile(r"(.*[^\d\s])\s*[:=]\s*(?:[\w.]*[\[({]+)?\s*(\S*)")
 # "240 fps", "48 kHz", "120 frames per second", "120 images/s", "30 кадров/с".
 _RATE_IN_WORDS = re.compile(
     r"(\d+(?:[.,]\d+)?)\s*(?:fps|(k?)hz|frames\s*per\s*s|[^\W\d_]{4,}\s*/\s*[sс]\b)", re.IGNORECASE
@@ -76,7 +79,7 @@ def tables_of(sheet: Sheet) -> list[Table]:
     of_numbers = [part for part in parts if any(_is_data(cells) for _, cells in part)]
     for part in of_numbers or parts:
         above = [cells for line, cells in rows if line < part[0][0] and not _is_data(cells)]
-        table = _table(sheet.name, part, above)
+        table = _table(sheet, part, above)
         tables += drops_of(table)
     if is_of_tracker and len(tables) > 1:
         raise UserError(sheet.name, "several tracks", "one", "Export the ball's track alone")
@@ -100,7 +103,7 @@ def _turned(rows: list[Row]) -> list[Row]:
     others: list[Row] = []
     for line, cells in rows:
         first, *rest = [*cells]
-        match = re.fullmatch(r"(.*\D)\s*[:=]\s*\[?\s*(\S*)", first)
+        match = _NAME_OF_A_ROW.fullmatch(first)
         if match is not None and role_of(*split_header(match[1])) in QUANTITY_OF:
             first, rest = match[1], [match[2], *rest] if match[2] else rest
         numeric = sum(map(looks_numeric, rest))
@@ -110,7 +113,7 @@ def _turned(rows: list[Row]) -> list[Row]:
             and numeric > 1
             and 2 * numeric > sum(1 for cell in rest if not is_missing(cell))
         ):
-            named.append((line, [first, *(cell.strip("[]") for cell in rest)]))
+            named.append((line, [first, *(cell.strip("[](){};") for cell in rest)]))
         else:
             others.append((line, cells))
     has_role = any(role_of(*split_header(cells[0])) in QUANTITY_OF for _, cells in named)
@@ -147,8 +150,11 @@ def _names(cells: Sequence[str]) -> int:
     )
 
 
-def _table(name: str, rows: list[Row], above: list[tuple[str, ...]]) -> Table:
-    """The table in these rows, below others. Raises UserError, `explained`, where there is none."""
+def _table(sheet: Sheet, rows: list[Row], above: list[tuple[str, ...]]) -> Table:
+    """The table in these rows of a sheet, below others. Raises UserError, `explained`, where there is
+    none.
+    """
+    name = sheet.name
     begin, end = _block(name, rows)
     width = max(len(trimmed(cells)) for _, cells in rows[begin:end])
     # "Run 2", alone in its line, parts drops.
@@ -170,6 +176,7 @@ def _table(name: str, rows: list[Row], above: list[tuple[str, ...]]) -> Table:
             (written["x"], unit) if meanings_of(name) == {"x"} else (name, unit)
             for name, unit in header
         )
+    text = sheet.text or "\n".join(" ".join(cells) for _, cells in sheet.rows)
     table = Table(
         name=name,
         header=header,
@@ -177,9 +184,11 @@ def _table(name: str, rows: list[Row], above: list[tuple[str, ...]]) -> Table:
         lines=tuple(line for line, _ in body),
         frequency=frequency,
         units=tuple(written.items()),
+        pixel=metres_of_pixel(text),
     )
     with explained(name, table.header):
-        table = replace(table, style=_style(table))
+        require_one_unit(name, header, [*above, *before])
+        table = replace(table, style=_style(table, text))
         for row, line in zip(table.cells, table.lines, strict=True):
             if any(row[len(header) :]):
                 got = f"{len(row)} cells"
@@ -424,9 +433,13 @@ def _said_before(rows: list[tuple[str, ...]]) -> tuple[float | None, dict[str, s
     return frequency, written
 
 
-def _style(table: Table) -> NumberStyle:
-    """The style of a table's numbers. Raises UserError for those that can be read in two ways."""
-    return style_of(table.name, [table.texts(i) for i in range(len(table.header))])
+def _style(table: Table, text: str) -> NumberStyle:
+    """The style of a table's numbers. Raises UserError for those that can be read in two ways.
+
+    text: of the whole file.
+    """
+    columns = [table.texts(i) for i in range(len(table.header))]
+    return style_of(table.name, columns, decimal_signs(text))
 
 
 def _is_label(cells: Sequence[str], width: int) -> bool:

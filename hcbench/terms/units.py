@@ -57,6 +57,7 @@ QUANTITIES = {
         QuantityKind("pressure", "Pa", "30e6 psi"),
         QuantityKind("acceleration", "m/s^2", "9.81 m/s^2"),
         QuantityKind("force", "N", "600 lbf"),
+        QuantityKind("energy", "J", "10 mJ"),
         QuantityKind("damping", "N*s/m", "100 N*s/m"),
         QuantityKind("frequency", "Hz", "100 Hz"),
         QuantityKind("stiffness", "N/m^n", "3.1e7 lbf/in^1.5"),

@@ -143,6 +143,12 @@ def test_the_interval_of_a_light_balls_alpha_reaches_to_what_the_air_leaves(
         assert found.law is None and "law in the air of a light ball" in found.reservation
 
 
+def test_the_air_rivals_a_large_alpha_too() -> None:
+    """In a vacuum the interval would begin at 0.2110."""
+    found = fit([light_ball(synthesise.hunt_crossley(0.21), 2e-4)])
+    assert found.alpha is not None and found.alpha.low < 0.21 < found.alpha.value
+
+
 # Light balls of a constant e, filmed and read by height.
 @pytest.mark.parametrize("seed", [1024, 1141])
 def test_a_constant_restitution_spans_that_in_air(tmp_path: Path, seed: int) -> None:
