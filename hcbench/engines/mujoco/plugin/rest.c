@@ -12,6 +12,7 @@
                                   that step's accelerations, and rows that push must differ from those that do not by more than
                                   what these change by; */
 #define HCB_REST_BELOW 0.1     /* there: least share of gravity along the normal */
+#define HCB_REST_STEEP 1e-3    /* under Newton where gravity hardly closes a contact: what is wedged in meets itself there; */
 #define HCB_REST_CG 1e-3       /* under CG, which does not settle stiffer rows in its iterations; */
 #define HCB_REST_FORCES 1e-6   /* under PGS and noslip, whose forces the step takes; */
 #define HCB_FORCES_MOVING 1e-5 /* under these in motion: of 200 thrown boxes one met a force 30 times too high */
@@ -19,13 +20,16 @@
 #define HCB_LIFTS 0.5       /* of the speed that counts as rest, at which what rests too deep is lifted; */
 #define HCB_RETURNS 0.9     /* of the speed at which it turns in, besides: two ends of a body that send each other down gain nothing */
 #define HCB_LIFT_STEPS 2    /* in which it is, or more; */
-#define HCB_STEEP 0.2       /* of gravity along the normal, below which none is lifted */
+#define HCB_STEEP 0.2       /* of gravity along the normal, below which others close a contact: a slope a wall, a hand what it pushes; */
+#define HCB_STEEP_LIFTS 1e-2 /* of a step's fall, at which what rests too deep is lifted there: it goes on at that speed; */
+#define HCB_STEEP_STEPS 3    /* of its approach, from which depth on what comes there as slowly as a step's fall is at rest */
 #define HCB_STRAYS 1e-2 /* of the speed that counts as rest, up to which contacts may move that are to stand (strays.c) */
 #define HCB_NO_FORCE 1e-40    /* D of a row whose force starts from 0 */
 #define HCB_SILENT -1e10       /* m/s^2: a row that never pushes */
 
 typedef struct { /* a contact of a law: rows of the solver from `row` on */
-  int instance, id, order, contact, tendon, body[2], row, rows, dim, cone, touches, rests, held; /* held: parts, and must not close */
+  int instance, id, order, contact, tendon, body[2], row, rows, dim, cone, touches, rests, held, steep; /* held: parts, and must not
+                                            close; steep: gravity hardly closes it */
   double rate[6], lead[3], turn[3], friction[5]; /* lead: of the first three of the rates, by half a step; turn: of
                                             the last three, after the impact */
   double slip, dilation, parting, swing, x, constant, lift; /* dilation: speed at which the slip parts MuJoCo's cones; swing: at most what
@@ -116,6 +120,7 @@ static double rest_compliance(const mjModel* m, const mjData* d, const blow* b, 
   int moves = fastest > HCB_STANDS;
   if (is_dual(m)) return moves ? HCB_FORCES_MOVING : HCB_REST_FORCES;
   if (m->opt.solver == mjSOL_CG) return HCB_REST_CG;
+  if (b->steep) return HCB_REST_STEEP;
   double least = moves && m->opt.cone == mjCONE_ELLIPTIC ? HCB_REST_MOVING : HCB_REST;
   if (!loaded || gravity == 0 || b->law.still <= falls) return least;
   return fmax(least, fmin(HCB_REST_LOADED, HCB_REST_GIVES * change_of(m, d, b) / gravity));
@@ -128,7 +133,7 @@ static int may_stray(const mjModel* m, const blow* b, int loaded) {
   double slow = HCB_STRAYS * b->law.still;
   int slides = larger(b->slip, length(b->rate[1], b->rate[2])) > slow, turns = b->dim > 3 && b->dilation > slow;
   int reasons = loaded + (m->opt.solver != mjSOL_NEWTON) + (m->opt.integrator == mjINT_RK4) + slides;
-  return b->tendon < 0 && (b->rests || b->held) && (turns || reasons > 1 || stops_early(m));
+  return b->tendon < 0 && (b->rests || b->held) && (turns || reasons > 0 || stops_early(m));
 }
 
 /* Marks a contact of MuJoCo as one that is to stand after the step (`standing`). */
@@ -175,23 +180,23 @@ static double third_of_constant(const mjModel* m, const blow* b) {
 /* How deep a body stands at rest on MuJoCo's own contact, m, for a third of its time constant. */
 static double own_depth(const mjModel* m, double third) { return mju_norm3(m->opt.gravity) * third * third; }
 
-/* Whether gravity hardly closes a contact: what rests in it is pressed there by others, as by a slope against a wall. */
-static int is_steep(const mjModel* m, const blow* b) {
-  return b->law.still < HCB_STEEP * HCB_STILL * mju_norm3(m->opt.gravity) * m->opt.timestep;
-}
-
 /* Sets the speed at which a contact is lifted where it rests deeper than on MuJoCo's own contact. Rows hold velocities, and what turns
    sinks by more than these say: the point at which a disc touches runs on, and the next one comes down at a speed u that the last step
    did not stop. As it comes down by u h/2 within a step, speeds of -u and u at its two ends keep the depth and the energy; 0 at the end
    loses both, and so does an impact. What comes down that slowly in a deep contact is at rest, then; what has just landed is as deep as
    it came in the step, and is not meant. What a landing left goes at a speed that the next step's fall takes back, so that nothing hops.
-   Where gravity hardly closes a contact, as at a wall or in front of a hand, what is lifted would go on, or gain energy. */
+   Where gravity hardly closes a contact, as at a wall or in front of a hand, what is lifted goes on at the speed of that, which is
+   little; and others bring it as fast as they fall in a step, which is no impact once it is in. */
 static void set_lift(const mjModel* m, blow* b) {
-  double h = m->opt.timestep, third = third_of_constant(m, b), approach = fmax(0, -b->rate[0]);
-  double excess = b->x - own_depth(m, third) - approach * h;
-  if (excess <= 0 || mju_norm3(m->opt.gravity) == 0 || is_steep(m, b)) return;
-  double most = excess / (HCB_LIFT_STEPS * h);
+  double h = m->opt.timestep, third = third_of_constant(m, b), approach = fmax(0, -b->rate[0]), falls = mju_norm3(m->opt.gravity) * h;
+  double excess = b->x - own_depth(m, third) - approach * h, most = fmax(0, excess) / (HCB_LIFT_STEPS * h);
   int turns_in = approach <= most;
+  if (b->steep) {
+    b->lift = fmin(most, HCB_STEEP_LIFTS * falls);
+    if (approach <= HCB_STILL * falls && b->x > HCB_STEEP_STEPS * approach * h) b->law.still = fmax(b->law.still, approach);
+    return;
+  }
+  if (excess <= 0 || falls == 0) return;
   b->lift = fmin(most, HCB_LIFTS * b->law.still + (turns_in ? HCB_RETURNS * approach : 0));
   if (turns_in) b->law.kind = HCB_CONSTANT, b->law.value = 0;
   if (turns_in && m->opt.integrator == mjINT_RK4) b->law.still = fmax(b->law.still, approach); /* its step is not made again */

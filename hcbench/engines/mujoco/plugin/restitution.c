@@ -28,6 +28,11 @@ static double fall(const mjModel* m, const int body[2], const double* normal) {
   return m->opt.timestep * most;
 }
 
+/* Whether gravity hardly closes a contact: what rests in it is pressed there by others, as by a slope against a wall. */
+static int is_steep(const mjModel* m, const int body[2], const double* normal) {
+  return fall(m, body, normal) < HCB_STEEP * mju_norm3(m->opt.gravity) * m->opt.timestep;
+}
+
 static hcb_contact law_of_contact(const mjModel* m, const instance* own, double friction, double fall_) {
   int kind = own->asked_for_e ? HCB_CONSTANT : own->linear ? HCB_LINEAR : HCB_LAW;
   return (hcb_contact){kind, value_of(m, own->asked_for_e ? &own->e : &own->alpha), friction, HCB_STILL * fall_ + 1e-9, 0, 0};
@@ -81,6 +86,7 @@ static void add_contact(const mjModel* m, const mjData* d, const instance* memor
   b->instance = i, b->id = id, b->order = order, b->contact = k;
   read_contact(m, d, memory, c, b);
   b->law = law_of_contact(m, instance_of(d, i), b->friction[0], fall(m, b->body, c->frame));
+  b->steep = is_steep(m, b->body, c->frame);
   set_lift(m, b);
 }
 
@@ -496,7 +502,7 @@ static void warn_of_one_sunk(const mjModel* m, const mjData* d, const blow* b, i
                 "MuJoCo's own contact would throw it out: start it outside", RESTITUTION_NAME, name[0], 1e3 * b->x, name[1]);
   } else {
     char advice[2 * NAME] = "give this pair MuJoCo's own contact, as what is pressed against a wall sinks at any step";
-    if (!is_steep(m, b)) snprintf(advice, sizeof(advice), "set a finer timestep than %g s, or let nothing crush it", m->opt.timestep);
+    if (!b->steep) snprintf(advice, sizeof(advice), "set a finer timestep than %g s, or let nothing crush it", m->opt.timestep);
     mju_warning("plugin %s: body %s stands %.2g mm deep in body %s at %g s, more than %g mm deeper than on MuJoCo's own contact: %s",
                 RESTITUTION_NAME, name[0], 1e3 * b->x, name[1], d->time, 1e3 * HCB_DEEPER, advice);
   }
@@ -634,7 +640,7 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
   }
   int loaded = is_loaded(m, d);
   for (int i = 0; i < count; i++) {
-    all[i].held = loaded && all[i].touches && !all[i].rests;
+    all[i].held = (loaded || all[i].steep) && all[i].touches && !all[i].rests;
     int is_new = stage < 2 || !planned(memory, all[i].instance, all[i].id, all[i].order);
     if (!is_new || !is_lifted(m, memory, all + i)) set_rows(m, d, memory, all + i, stage, loaded);
   }

@@ -34,7 +34,8 @@ static double rate_along(const mjModel* m, const mjData* d, const instance* memo
 
 static double strays_from(const mjModel* m, const mjContact* c) {
   int body[2] = {m->geom_bodyid[c->geom[0]], m->geom_bodyid[c->geom[1]]};
-  return HCB_STRAYS * HCB_STILL * fall(m, body, c->frame) + 1e-9;
+  double least = HCB_STEEP * mju_norm3(m->opt.gravity) * m->opt.timestep;
+  return HCB_STRAYS * HCB_STILL * fmax(fall(m, body, c->frame), least) + 1e-9;
 }
 
 /* The solver's forces of a contact over the step, N; none of RK4, which has four. */
