@@ -19,7 +19,7 @@
 #include "../../../laws/published.c"
 
 enum { ROWS = 10, NAME = 64 };
-enum { WARNED_FAST = 1, WARNED_WILD = 2, WARNED_UNSOUND = 4, WARNED_DEEPER = 8, WARNED_UNEVEN = 16, WARNED_SUNK = 32, WARNED_UNSTABLE = 64, WARNED_LATE = 128, WARNED_INSIDE = 256 }; /* of hcbench.restitution */
+enum { WARNED_FAST = 1, WARNED_WILD = 2, WARNED_UNSOUND = 4, WARNED_DEEPER = 8, WARNED_UNEVEN = 16, WARNED_SUNK = 32, WARNED_UNSTABLE = 64, WARNED_LATE = 128, WARNED_INSIDE = 256, WARNED_JAM = 512 }; /* of hcbench.restitution */
 
 static const char* const FORCE_NAME = "hcbench.hunt_crossley";
 static const char* const RESTITUTION_NAME = "hcbench.restitution";

@@ -126,16 +126,6 @@ static double rest_compliance(const mjModel* m, const mjData* d, const blow* b, 
   return fmax(least, fmin(HCB_REST_LOADED, HCB_REST_GIVES * change_of(m, d, b) / gravity));
 }
 
-/* Whether a contact that is to stand is solved again after the step where it does not (strays.c): one that turns against friction;
-   and one that slides, or is pressed by other forces than rest.c knows, or moves on in the stages of RK4, but for Newton where only
-   one is so. */
-static int may_stray(const mjModel* m, const blow* b, int loaded) {
-  double slow = HCB_STRAYS * b->law.still;
-  int slides = larger(b->slip, length(b->rate[1], b->rate[2])) > slow, turns = b->dim > 3 && b->dilation > slow;
-  int reasons = loaded + (m->opt.solver != mjSOL_NEWTON) + (m->opt.integrator == mjINT_RK4) + slides;
-  return b->tendon < 0 && (b->rests || b->held) && (turns || reasons > 0 || stops_early(m));
-}
-
 /* Marks a contact of MuJoCo as one that is to stand after the step (`standing`). */
 static void let_stand(instance* memory, int contact, double closing) {
   if (memory->stand == memory->room_to_stand) {
@@ -205,6 +195,7 @@ static void set_lift(const mjModel* m, blow* b) {
 static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, int loaded) {
   plan now = {.rows = b->rows}, *made = stage > 1 ? planned(memory, b->instance, b->id, b->order) : NULL;
   double h = m->opt.timestep, mu = b->friction[0], compliance = rest_compliance(m, d, b, loaded);
+  int stands = b->tendon < 0 && (b->rests || b->held);
   /* Back as fast, at the same depth and for no work: what turning has parted, and all in RK4, which moves on the way. */
   double closing = fmax(0, b->held ? 0 : stage ? b->parting : fmin(fmin(b->parting, b->rate[0]), b->swing)) - (b->rests ? b->lift : 0);
   for (int i = 0; i < b->rows; i++) {
@@ -216,12 +207,12 @@ static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* 
   if (stage == 1) {
     made = new_plan(memory, b->instance, b->id, b->order);
     made->rows = now.rows;
-    made->stands = may_stray(m, b, loaded);
+    made->stands = stands;
     made->closing = closing;
     memcpy(made->value, now.value, sizeof(now.value));
   }
   if (made && made->rows == now.rows) now = *made;
-  if (stage == 0 && may_stray(m, b, loaded)) let_stand(memory, b->contact, closing);
+  if (stage == 0 && stands) let_stand(memory, b->contact, closing);
   if (stage == 4 && made && made->stands) let_stand(memory, b->contact, made->closing);
   if (b->cone) compliance /= fmax(2 * mu * mu, 1e-12); /* a pyramid's rows have 2 mu^2 in theirs */
   for (int i = 0; i < now.rows; i++) set_row(m, d, b->row + i, now.value[i], compliance);

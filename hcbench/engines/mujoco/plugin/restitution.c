@@ -232,8 +232,8 @@ static void add_turning(const mjModel* m, mjData* d, blow** of, int n, const dou
 }
 
 /* Impacts of contacts that touch, into `impulse`; which of them rest then, and slip how fast. impulse: NULL where none collides;
-   falls: force_in_flight, NULL without. */
-static void collide(const mjModel* m, mjData* d, int first, blow* all, int count, double* impulse, const double* falls) {
+   falls: force_in_flight, NULL without. Whether the impacts came to an end. */
+static int collide(const mjModel* m, mjData* d, int first, blow* all, int count, double* impulse, const double* falls) {
   int n = 0;
   mj_markStack(d);
   blow** of = mj_stackAllocByte(d, (count + 1) * sizeof(blow*), sizeof(double));
@@ -248,8 +248,7 @@ static void collide(const mjModel* m, mjData* d, int first, blow* all, int count
   double* work = stack(d, hcb_impacts_work(n, t.parts, m->nv));
   double within = m->opt.integrator == mjINT_RK4 ? 0 : 0.5; /* of the step, where impacts are (hcb_under_gravity) */
   for (size_t i = 0; i < rows; i++) u[i] += within * gains[i];
-  if (impulse) hcb_impacts(&s, u, p, work);
-  int* rests = ints(d, n);
+  int ended = !impulse || hcb_impacts(&s, u, p, work) < hcb_most_rounds(n), *rests = ints(d, n);
   for (int i = 0; i < (int)rows; i++) {
     u[i] -= within * gains[i];
     gains[i] += u[i];
@@ -267,6 +266,7 @@ static void collide(const mjModel* m, mjData* d, int first, blow* all, int count
     set_slip(of[i], u[3 * i + 1], u[3 * i + 2], rests[i] ? fmin(slip[i], slides) : slides);
   }
   mj_freeStack(d);
+  return ended;
 }
 
 /* Flags under which energy was measured, by MuJoCo's names: their bits differ between versions. */
@@ -534,6 +534,17 @@ static void warn_of_sunk(const mjModel* m, const mjData* d, const blow* all, int
   }
 }
 
+/* Names once a mocap body that presses others against what cannot move, as it goes on whatever it meets. */
+static void warn_of_jam(const mjModel* m, const mjData* d, instance* memory, const blow* b) {
+  int side = mocap_of(m, b->body[0]) < 0;
+  char name[2][NAME];
+  if (memory->warned & WARNED_JAM) return;
+  memory->warned |= WARNED_JAM;
+  for (int k = 0; k < 2; k++) describe(m, mjOBJ_BODY, b->body[k ? !side : side], name[k]);
+  mju_warning("plugin %s: mocap body %s jams body %s at %g s, so that impacts come to no end: contact is MuJoCo's own in such steps. "
+              "Stop it earlier, or weld a free body to it, which pushes in its place", RESTITUTION_NAME, name[0], name[1], d->time);
+}
+
 /* Whether all of a vector is finite, and no larger than what MuJoCo takes. */
 static int is_sound(const double* x, int n) {
   for (int k = 0; k < n; k++) {
@@ -542,20 +553,32 @@ static int is_sound(const double* x, int n) {
   return 1;
 }
 
+/* The first contact of a mocap body that moves; NULL: none. */
+static const blow* moved_contact(const mjModel* m, const instance* memory, const blow* all, int count) {
+  for (int i = 0; i < count; i++) {
+    for (int side = 0; side < 2 && all[i].touches && all[i].tendon < 0; side++) {
+      const mocap* own = moving_of(m, memory, all[i].body[side]);
+      if (own && mju_norm(own->speed, 6) > 0) return all + i;
+    }
+  }
+  return NULL;
+}
+
 /* Impulses of contacts that touch, without trees that they would let turn too fast, and in `change` what they change the velocities
-   by; how many contacts are left. */
+   by; how many contacts are left: 0 where a mocap body jams others, so that impacts come to no end. */
 static int collide_tame(const mjModel* m, mjData* d, int first, blow* all, int count, double* impulse, double* change) {
   instance* memory = instance_of(d, first);
   double* falls = stack(d, m->nv);
-  int any = force_in_flight(m, d, falls);
-  for (int wild = 1; wild;) {
+  int any = force_in_flight(m, d, falls), ended = 1;
+  for (int wild = 1; wild && ended;) {
     mju_zero(impulse, m->nv);
-    collide(m, d, first, all, count, impulse, any ? falls : NULL);
+    ended = collide(m, d, first, all, count, impulse, any ? falls : NULL) || !moved_contact(m, memory, all, count);
     mj_solveM(m, d, change, impulse, 1);
-    wild = !memory->is_again && find_wild(m, d, memory, change);
-    count = leave_out_wild(m, memory, all, count);
+    wild = ended && !memory->is_again && find_wild(m, d, memory, change);
+    if (ended) count = leave_out_wild(m, memory, all, count);
   }
-  return count;
+  if (!ended) warn_of_jam(m, d, memory, moved_contact(m, memory, all, count));
+  return ended ? count : 0;
 }
 
 /* Adds to the passive forces what lets contacts collide, over the step. Where that is without bound nothing is added, and it
@@ -566,7 +589,7 @@ static int add_impulses(const mjModel* m, mjData* d, int first, int stage, blow*
   double *impulse = stage ? memory->impulse : stack(d, nv), *without = stack(d, nv), *change = stack(d, nv);
   mju_copy(without, d->qfrc_passive, nv);
   count = collide_tame(m, d, first, all, count, impulse, change);
-  int sound = is_sound(impulse, nv);
+  int sound = count > 0 && is_sound(impulse, nv);
   if (sound) {
     mju_addToScl(d->qfrc_passive, impulse, 1 / m->opt.timestep, nv);
     shift_bias(m, d, impulse, change, d->qfrc_passive);
@@ -575,11 +598,11 @@ static int add_impulses(const mjModel* m, mjData* d, int first, int stage, blow*
   if (!sound || !is_sound(d->qfrc_passive, nv)) {
     mju_zero(impulse, nv);
     mju_copy(d->qfrc_passive, without, nv);
-    if (!(memory->warned & WARNED_UNSOUND)) {
+    if (count > 0 && !(memory->warned & WARNED_UNSOUND)) {
       mju_warning("plugin %s: impacts at %g s came out without bound, so contact is MuJoCo's own in such steps: masses or speeds are "
                   "too far apart", RESTITUTION_NAME, d->time);
+      memory->warned |= WARNED_UNSOUND;
     }
-    memory->warned |= WARNED_UNSOUND;
     return 0;
   }
   if (stage) start_again(m, d, memory, change); /* RK4 has the velocities after the impulse in all its rows then */
