@@ -21,8 +21,7 @@
 #define HCB_RETURNS 0.9     /* of the speed at which it turns in, besides: two ends of a body that send each other down gain nothing */
 #define HCB_LIFT_STEPS 2    /* in which it is, or more; */
 #define HCB_STEEP 0.2       /* of gravity along the normal, below which others close a contact: a slope a wall, a hand what it pushes; */
-#define HCB_STEEP_LIFTS 1e-2 /* of a step's fall, at which what rests too deep is lifted there: it goes on at that speed; */
-#define HCB_STEEP_STEPS 3    /* of its approach, from which depth on what comes there as slowly as a step's fall is at rest */
+#define HCB_STEEP_STEPS 3   /* of its approach, from which depth on what comes there as slowly as a step's fall is at rest */
 #define HCB_STRAYS 1e-2 /* of the speed that counts as rest, up to which contacts may move that are to stand (strays.c) */
 #define HCB_NO_FORCE 1e-40    /* D of a row whose force starts from 0 */
 #define HCB_SILENT -1e10       /* m/s^2: a row that never pushes */
@@ -175,19 +174,16 @@ static double own_depth(const mjModel* m, double third) { return mju_norm3(m->op
    did not stop. As it comes down by u h/2 within a step, speeds of -u and u at its two ends keep the depth and the energy; 0 at the end
    loses both, and so does an impact. What comes down that slowly in a deep contact is at rest, then; what has just landed is as deep as
    it came in the step, and is not meant. What a landing left goes at a speed that the next step's fall takes back, so that nothing hops.
-   Where gravity hardly closes a contact, as at a wall or in front of a hand, what is lifted goes on at the speed of that, which is
-   little; and others bring it as fast as they fall in a step, which is no impact once it is in. */
+   Where gravity hardly closes a contact, as at a wall or in front of a hand, others bring it as fast as they fall in a step: that is no
+   impact once it is in. */
 static void set_lift(const mjModel* m, blow* b) {
-  double h = m->opt.timestep, third = third_of_constant(m, b), approach = fmax(0, -b->rate[0]), falls = mju_norm3(m->opt.gravity) * h;
-  double excess = b->x - own_depth(m, third) - approach * h, most = fmax(0, excess) / (HCB_LIFT_STEPS * h);
-  int turns_in = approach <= most;
-  if (b->steep) {
-    b->lift = fmin(most, HCB_STEEP_LIFTS * falls);
-    if (approach <= HCB_STILL * falls && b->x > HCB_STEEP_STEPS * approach * h) b->law.still = fmax(b->law.still, approach);
-    return;
-  }
+  double h = m->opt.timestep, third = third_of_constant(m, b), approach = fmax(0, -b->rate[0]);
+  double falls = HCB_STILL * mju_norm3(m->opt.gravity) * h, calm = b->steep ? falls : b->law.still;
+  if (b->steep && approach <= calm && b->x > HCB_STEEP_STEPS * approach * h) b->law.still = fmax(b->law.still, approach);
+  double excess = b->x - own_depth(m, third) - approach * h, most = excess / (HCB_LIFT_STEPS * h);
   if (excess <= 0 || falls == 0) return;
-  b->lift = fmin(most, HCB_LIFTS * b->law.still + (turns_in ? HCB_RETURNS * approach : 0));
+  int turns_in = approach <= most;
+  b->lift = fmin(most, HCB_LIFTS * calm + (turns_in ? HCB_RETURNS * approach : 0));
   if (turns_in) b->law.kind = HCB_CONSTANT, b->law.value = 0;
   if (turns_in && m->opt.integrator == mjINT_RK4) b->law.still = fmax(b->law.still, approach); /* its step is not made again */
 }
