@@ -95,13 +95,17 @@ static double share_that_takes(const mjModel* m, mjData* d, const double* change
 }
 
 /* What lets contacts that are to stand do so, into `change` of the velocities, and the share of it that adds no kinetic energy:
-   impacts of e = 0 from the rates u, shape (n, 3); `anew`: from those without the solver's forces of these contacts. */
-static double change_to_stand(const mjModel* m, mjData* d, const instance* memory, const tree_parts* t, const hcb_system* s,
-                              const double* u, int anew, double* change) {
+   impacts of e = 0 from the rates u, shape (n, 3); `anew`: from those without what the solver made of these contacts, its forces and
+   what its accelerations give beyond them, as Newton's are of rows as stiff as these. */
+static double change_to_stand(const mjModel* m, mjData* d, int first, const tree_parts* t, const hcb_system* s, const double* u,
+                              int anew, double* change) {
+  const instance* memory = instance_of(d, first);
   int n = s->n;
   mj_markStack(d);
   double *rates = stack(d, 3 * n), *p = stack(d, 3 * n), *work = stack(d, hcb_impacts_work(n, t->parts, m->nv));
   mju_zero(change, m->nv);
+  if (anew && moves_by_accelerations(m, d, first)) beyond_forces(m, d, t, change);
+  mju_scl(change, change, -m->opt.timestep, m->nv);
   for (int i = 0; i < n && anew; i++) {
     double force[6];
     solver_force(m, d, memory->stands[i].contact, force);
@@ -135,8 +139,8 @@ static void hold_still(const mjModel* m, mjData* d, int first, int anew) {
     laws[i] = (hcb_contact){HCB_CONSTANT, 0, c->dim > 1 ? c->friction[0] : 0, strays_from(m, c), 0, 0};
   }
   hcb_system s = {n, t.parts, t.at, rows, laws};
-  double share = change_to_stand(m, d, memory, &t, &s, u, anew, change);
-  if (anew && share < 1) share = change_to_stand(m, d, memory, &t, &s, u, 0, change); /* the solver's forces drive others, too */
+  double share = change_to_stand(m, d, first, &t, &s, u, anew, change);
+  if (anew && share < 1) share = change_to_stand(m, d, first, &t, &s, u, 0, change); /* the solver's forces drive others, too */
   if (share > 0) {
     mju_scl(change, change, share, nv);
     mju_addTo(d->qvel, change, nv);
