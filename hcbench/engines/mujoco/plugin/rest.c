@@ -194,10 +194,13 @@ static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* 
   int stands = b->tendon < 0 && (b->rests || b->held);
   /* Back as fast, at the same depth and for no work: what turning has parted, and all in RK4, which moves on the way. */
   double closing = fmax(0, b->held ? 0 : stage ? b->parting : fmin(fmin(b->parting, b->rate[0]), b->swing)) - (b->rests ? b->lift : 0);
+  double slip = length(b->rate[1], b->rate[2]), back = 0; /* a wheel's rim that stuck: at -u and u, as what is lifted (set_lift) */
+  if (stage == 0 && b->rests && slip > 0) back = HCB_RETURNS * fmin(1, b->swing / slip);
   for (int i = 0; i < b->rows; i++) {
     int k = b->cone ? 1 + i / 2 : i;
-    double tangential = b->cone ? (i % 2 ? -1 : 1) * b->friction[k - 1] * b->rate[k] : 0;
-    now.value[i] = i && !b->cone ? -b->rate[k] / h : (-b->rate[0] - tangential - b->dilation - closing) / h;
+    double rate = (k == 1 || k == 2 ? 1 + back : 1) * b->rate[k];
+    double tangential = b->cone ? (i % 2 ? -1 : 1) * b->friction[k - 1] * rate : 0;
+    now.value[i] = i && !b->cone ? -rate / h : (-b->rate[0] - tangential - b->dilation - closing) / h;
     if ((!b->rests && !b->held) || stage > 1) now.value[i] = i && !b->cone ? 0 : HCB_SILENT; /* new ones wait for the next step */
   }
   if (stage == 1) {
