@@ -48,6 +48,7 @@ typedef struct { /* an instance, in mjData.plugin_data */
   char law[NAME];
   number stiffness, alpha, e;
   double exponent, static_friction, dynamic_friction, slip_speed;
+  int sunk_pairs[2]; /* of the first instance: how many sank, and how many started inside, up to the last that is named */
   double lets, starts_in; /* how deep MuJoCo's contact would have gone, and its pair was where states do not follow one another, m */
   /* of the first instance: what all instances were read from (is_read), size bytes */
   char* source;

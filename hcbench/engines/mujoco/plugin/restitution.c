@@ -9,6 +9,7 @@
 #define HCB_COARSE_STEP 0.125 /* of a contact's time constant: from there on limbs sink deeper in a step than MuJoCo's contact, ... */
 #define HCB_COARSE_FREE 0.3    /* ... and free bodies from there on, ... */
 #define HCB_DEEPER 1e-3    /* ... named where that may be more, m */
+#define HCB_NAMED 5        /* pairs that are deep, of each kind */
 #define HCB_ITERATIONS 5   /* of the solver Newton, without which robots sink; ... */
 #define HCB_ITERATIONS_OTHERS 20 /* ... of CG and PGS */
 
@@ -501,20 +502,33 @@ static void warn_of_one_sunk(const mjModel* m, const mjData* d, const blow* b, i
     mju_warning("plugin %s: body %s starts %.3g mm inside body %s. It is lifted where it rests, slowly, and stays so elsewhere; "
                 "MuJoCo's own contact would throw it out: start it outside", RESTITUTION_NAME, name[0], 1e3 * b->x, name[1]);
   } else {
-    char advice[2 * NAME] = "give this pair MuJoCo's own contact, as what is pressed against a wall sinks at any step";
-    if (!b->steep) snprintf(advice, sizeof(advice), "set a finer timestep than %g s, or let nothing crush it", m->opt.timestep);
-    mju_warning("plugin %s: body %s stands %.2g mm deep in body %s at %g s, more than %g mm deeper than on MuJoCo's own contact: %s",
-                RESTITUTION_NAME, name[0], 1e3 * b->x, name[1], d->time, 1e3 * HCB_DEEPER, advice);
+    mju_warning("plugin %s: body %s is %.2g mm deep in body %s at %g s, more than %g mm deeper than its speed and its weight would take "
+                "it on MuJoCo's own contact: set a finer timestep than %g s, let nothing crush it, or give this pair MuJoCo's own "
+                "contact", RESTITUTION_NAME, name[0], 1e3 * b->x, name[1], d->time, 1e3 * HCB_DEEPER, m->opt.timestep);
   }
 }
 
-/* Names once a body that stands deeper than MuJoCo's own contact would let it: after an approach u about a third of u in its time
-   constant, at rest about g times the square of a third of that. A state that does not follow the last one may be as deep as it is:
-   what is as deep a step later has started inside. */
+/* Names each pair that sank, or started inside, once; of many the first few. */
+static void warn_of_sunk_pair(const mjModel* m, const mjData* d, instance* memory, const blow* b, int starts) {
+  instance* own = instance_of(d, b->instance);
+  int kind = starts ? WARNED_INSIDE : WARNED_SUNK, *named = memory->sunk_pairs + starts;
+  if (own->warned & kind || *named > HCB_NAMED) return;
+  own->warned |= kind;
+  if (++*named <= HCB_NAMED) {
+    warn_of_one_sunk(m, d, b, starts);
+  } else {
+    mju_warning("plugin %s: more than %d pairs %s: the others are not named", RESTITUTION_NAME, HCB_NAMED,
+                starts ? "start inside each other" : "are deeper than on MuJoCo's own contact");
+  }
+}
+
+/* Names pairs that are deeper than MuJoCo's own contact would let them: after an approach u about a third of u in its time constant,
+   at rest about g times the square of a third of that. A state that does not follow the last one may be as deep as it is: what is as
+   deep a step later has started inside. */
 static void warn_of_sunk(const mjModel* m, const mjData* d, const blow* all, int count, instance* memory) {
   double h = m->opt.timestep;
   int follows = memory->seen == d->time || is_next(m, d, memory);
-  const blow* deepest[2] = {NULL, NULL}; /* that sank, and that started inside */
+  const blow* deepest[2] = {NULL, NULL}; /* of a pair: that sank, and that started inside */
   for (int i = 0; i < count; i++) {
     const blow* b = all + i;
     if (b->tendon >= 0) continue;
@@ -522,15 +536,15 @@ static void warn_of_sunk(const mjModel* m, const mjData* d, const blow* all, int
     double third = third_of_constant(m, b);
     own->lets = larger(own->lets, follows ? -b->rate[0] * third : fabs(b->rate[0]) * fmax(third, h));
     own->starts_in = larger(own->starts_in, follows ? 0 : b->x);
-    if (!follows || !(b->x > larger(own->lets, own_depth(m, third)) + HCB_DEEPER)) continue;
-    const blow** one = deepest + (b->x <= own->starts_in + HCB_DEEPER);
-    if (!*one || b->x > (*one)->x) *one = b;
-  }
-  for (int starts = 0; starts < 2; starts++) {
-    int kind = starts ? WARNED_INSIDE : WARNED_SUNK;
-    if (!deepest[starts] || memory->warned & kind) continue;
-    memory->warned |= kind;
-    warn_of_one_sunk(m, d, deepest[starts], starts);
+    if (follows && b->x > larger(own->lets, own_depth(m, third)) + HCB_DEEPER) {
+      const blow** one = deepest + (b->x <= own->starts_in + HCB_DEEPER);
+      if (!*one || b->x > (*one)->x) *one = b;
+    }
+    if (i + 1 < count && all[i + 1].instance == b->instance) continue;
+    for (int starts = 0; starts < 2; starts++) {
+      if (deepest[starts]) warn_of_sunk_pair(m, d, memory, deepest[starts], starts);
+      deepest[starts] = NULL;
+    }
   }
 }
 
