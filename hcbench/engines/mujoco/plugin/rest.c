@@ -125,6 +125,16 @@ static double rest_compliance(const mjModel* m, const mjData* d, const blow* b, 
   return fmax(least, fmin(HCB_REST_LOADED, HCB_REST_GIVES * change_of(m, d, b) / gravity));
 }
 
+/* Whether a contact that is to stand is solved again after the step where it does not (strays.c): one that turns against friction;
+   one that slides, or is pressed by other forces than rest.c knows, or moves on in the stages of RK4, but for Newton where only
+   one is so; and each where others press a contact that gravity hardly closes (wedged), as they may press each other at will. */
+static int may_stray(const mjModel* m, const blow* b, int loaded, int wedged) {
+  double slow = HCB_STRAYS * b->law.still;
+  int slides = larger(b->slip, length(b->rate[1], b->rate[2])) > slow, turns = b->dim > 3 && b->dilation > slow;
+  int reasons = loaded + (m->opt.solver != mjSOL_NEWTON) + (m->opt.integrator == mjINT_RK4) + slides;
+  return b->tendon < 0 && (b->rests || b->held) && (turns || wedged || reasons > 1 || stops_early(m));
+}
+
 /* Marks a contact of MuJoCo as one that is to stand after the step (`standing`). */
 static void let_stand(instance* memory, int contact, double closing) {
   if (memory->stand == memory->room_to_stand) {
@@ -175,10 +185,10 @@ static double own_depth(const mjModel* m, double third) { return mju_norm3(m->op
    loses both, and so does an impact. What comes down that slowly in a deep contact is at rest, then; what has just landed is as deep as
    it came in the step, and is not meant. What a landing left goes at a speed that the next step's fall takes back, so that nothing hops.
    Where gravity hardly closes a contact, as at a wall or in front of a hand, others bring it as fast as they fall in a step: that is no
-   impact once it is in. */
-static void set_lift(const mjModel* m, blow* b) {
+   impact once it is in. falls: the speed that counts as rest where gravity closes a contact in full. */
+static void set_lift(const mjModel* m, blow* b, double falls) {
   double h = m->opt.timestep, third = third_of_constant(m, b), approach = fmax(0, -b->rate[0]);
-  double falls = HCB_STILL * mju_norm3(m->opt.gravity) * h, calm = b->steep ? falls : b->law.still;
+  double calm = b->steep ? falls : b->law.still;
   if (b->steep && approach <= calm && b->x > HCB_STEEP_STEPS * approach * h) b->law.still = fmax(b->law.still, approach);
   double excess = b->x - own_depth(m, third) - approach * h, most = excess / (HCB_LIFT_STEPS * h);
   if (excess <= 0 || falls == 0) return;
@@ -188,14 +198,14 @@ static void set_lift(const mjModel* m, blow* b) {
   if (turns_in && m->opt.integrator == mjINT_RK4) b->law.still = fmax(b->law.still, approach); /* its step is not made again */
 }
 
-static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, int loaded) {
+static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, int loaded, int wedged) {
   plan now = {.rows = b->rows}, *made = stage > 1 ? planned(memory, b->instance, b->id, b->order) : NULL;
   double h = m->opt.timestep, mu = b->friction[0], compliance = rest_compliance(m, d, b, loaded);
-  int stands = b->tendon < 0 && (b->rests || b->held);
+  int stands = may_stray(m, b, loaded, wedged);
   /* Back as fast, at the same depth and for no work: what turning has parted, and all in RK4, which moves on the way. */
   double closing = fmax(0, b->held ? 0 : stage ? b->parting : fmin(fmin(b->parting, b->rate[0]), b->swing)) - (b->rests ? b->lift : 0);
-  double slip = length(b->rate[1], b->rate[2]), back = 0; /* a wheel's rim that stuck: at -u and u, as what is lifted (set_lift) */
-  if (stage == 0 && b->rests && slip > 0) back = HCB_RETURNS * fmin(1, b->swing / slip);
+  double slip = length(b->rate[1], b->rate[2]), back = 0; /* a point that sticks and runs on: at -u and u, as what is lifted (set_lift) */
+  if (stage == 0 && !loaded && b->rests && slip > 0) back = HCB_RETURNS * fmin(1, b->swing / slip);
   for (int i = 0; i < b->rows; i++) {
     int k = b->cone ? 1 + i / 2 : i;
     double rate = (k == 1 || k == 2 ? 1 + back : 1) * b->rate[k];

@@ -29,11 +29,6 @@ static double fall(const mjModel* m, const int body[2], const double* normal) {
   return m->opt.timestep * most;
 }
 
-/* Whether gravity hardly closes a contact: what rests in it is pressed there by others, as by a slope against a wall. */
-static int is_steep(const mjModel* m, const int body[2], const double* normal) {
-  return fall(m, body, normal) < HCB_STEEP * mju_norm3(m->opt.gravity) * m->opt.timestep;
-}
-
 static hcb_contact law_of_contact(const mjModel* m, const instance* own, double friction, double fall_) {
   int kind = own->asked_for_e ? HCB_CONSTANT : own->linear ? HCB_LINEAR : HCB_LAW;
   return (hcb_contact){kind, value_of(m, own->asked_for_e ? &own->e : &own->alpha), friction, HCB_STILL * fall_ + 1e-9, 0, 0};
@@ -86,9 +81,10 @@ static void add_contact(const mjModel* m, const mjData* d, const instance* memor
   mju_zero((double*)b, sizeof(*b) / sizeof(double)); /* faster than an initializer, which compilers make a slow instruction of */
   b->instance = i, b->id = id, b->order = order, b->contact = k;
   read_contact(m, d, memory, c, b);
-  b->law = law_of_contact(m, instance_of(d, i), b->friction[0], fall(m, b->body, c->frame));
-  b->steep = is_steep(m, b->body, c->frame);
-  set_lift(m, b);
+  double falls = fall(m, b->body, c->frame), most = mju_norm3(m->opt.gravity) * m->opt.timestep;
+  b->law = law_of_contact(m, instance_of(d, i), b->friction[0], falls);
+  b->steep = falls < HCB_STEEP * most;
+  set_lift(m, b, HCB_STILL * most);
 }
 
 static int add_limit(const mjModel* m, const mjData* d, int i, blow* all) {
@@ -675,11 +671,12 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
       shift_bias(m, d, memory->impulse, change, d->qfrc_passive);
     }
   }
-  int loaded = is_loaded(m, d);
+  int loaded = is_loaded(m, d), wedged = 0;
+  for (int i = 0; i < count; i++) wedged |= all[i].steep && all[i].touches;
   for (int i = 0; i < count; i++) {
     all[i].held = (loaded || all[i].steep) && all[i].touches && !all[i].rests;
     int is_new = stage < 2 || !planned(memory, all[i].instance, all[i].id, all[i].order);
-    if (!is_new || !is_lifted(m, memory, all + i)) set_rows(m, d, memory, all + i, stage, loaded);
+    if (!is_new || !is_lifted(m, memory, all + i)) set_rows(m, d, memory, all + i, stage, loaded, wedged);
   }
   start_from_last(m, d, memory, all, count);
   mj_freeStack(d);
