@@ -163,18 +163,31 @@ HAND = """
 """
 
 
-def test_a_hand_on_a_weld_pushes_a_box_without_going_into_it() -> None:
-    """A solution of the contacts that the weld's own forces would gain energy by was given up for
-    none at all, and the box sank into the hand by 12 mm a second."""
+def welded_hand(options: str, seconds: float) -> Depths:
+    """A hand that a weld draws after a mocap body pushes a box at 0.25 m/s."""
     pairs = {("hand", "box"): 0.0, ("box", "floor"): 0.0}
-    text = with_laws(HAND, pairs, 'timestep="0.002"').replace(
+    text = with_laws(HAND, pairs, options).replace(
         "</mujoco>", '<equality><weld body1="guide" body2="hand"/></equality></mujoco>'
     )
 
     def push(model: Any, data: Any) -> None:
         data.mocap_pos[0, 0] = -0.12 + 0.25 * (data.time + model.opt.timestep)
 
-    assert depths(text, 3.0, control=push).most < 1.5e-3
+    return depths(text, seconds, control=push)
+
+
+def test_a_hand_on_a_weld_pushes_a_box_without_going_into_it() -> None:
+    """A solution of the contacts that the weld's own forces would gain energy by was given up for
+    none at all, and the box sank into the hand by 12 mm a second.
+    """
+    assert welded_hand('timestep="0.002"', 3.0).most < 0.6e-3
+
+
+def test_under_rk4_a_hand_on_a_weld_goes_into_the_box_as_the_page_says_and_is_named() -> None:
+    """A fault that is known."""
+    seen = welded_hand('timestep="0.001" integrator="RK4"', 2.0)
+    assert seen.last == pytest.approx(1.4e-3 * 2.0, rel=0.5)
+    assert any("1 mm deeper than its speed" in one for one in seen.warned)
 
 
 def dropped(seed: int) -> tuple[str, str, tuple[float, ...]]:
@@ -219,7 +232,7 @@ def test_a_ball_between_a_slope_and_a_wall_stays_where_it_touches_both(integrato
     pairs = {("ball", "slope"): 0.3, ("ball", "wall"): 0.3}
     text = with_laws(WEDGE, pairs, f'timestep="0.002" integrator="{integrator}"')
     seen = depths(text, 4.0)
-    assert seen.last < 0.35e-3
+    assert seen.last < 0.04e-3
     assert not seen.named
 
 
@@ -236,7 +249,7 @@ def test_balls_that_press_each_other_against_walls_stay_between_them() -> None:
     names = ("one", "two")
     pairs = {(ball, other): 0.3 for ball in names for other in ("left", "right", "floor")}
     seen = depths(with_laws(TUBE, {**pairs, names: 0.3}, 'timestep="0.002"'), 4.0)
-    assert seen.last < 0.4e-3
+    assert seen.last < 0.35e-3
     assert seen.rose < 0.01 * seen.energy
 
 

@@ -12,7 +12,7 @@
                                   that step's accelerations, and rows that push must differ from those that do not by more than
                                   what these change by; */
 #define HCB_REST_BELOW 0.1     /* there: least share of gravity along the normal */
-#define HCB_REST_STEEP 1e-3    /* under Newton where gravity hardly closes a contact: what is wedged in meets itself there; */
+#define HCB_REST_STEEP 1e-3    /* under Newton where gravity hardly closes a contact, as stiffer rows of what is wedged make forces without bound; */
 #define HCB_REST_CG 1e-3       /* under CG, which does not settle stiffer rows in its iterations; */
 #define HCB_REST_FORCES 1e-6   /* under PGS and noslip, whose forces the step takes; */
 #define HCB_FORCES_MOVING 1e-5 /* under these in motion: of 200 thrown boxes one met a force 30 times too high */

@@ -6,6 +6,7 @@
      - PGS lets a contact with an elliptic cone go: its normal row, which it solves first and alone, needs no force as long as
        less approach is left than rest.c has taken back, and without that there is no friction;
      - joints are damped much: the solver's forces are for M, and the step then moves bodies by (M - h D)^-1 of them;
+     - bodies are wedged between surfaces that rub: forces that undo each other bear any load, so that Newton stops where it is;
      - the solver stops early.
    These impacts are between bodies as they are, without equalities: one that is broken pulls a body down faster than what all
    of it would do together. */
