@@ -248,8 +248,8 @@ def test_corners_of_a_face_that_rub_stick_or_slide_against_their_slip() -> None:
 
 @pytest.mark.parametrize("speed", [0.46, 0.44114, 0.3, 0.1])
 def test_a_cube_that_slides_and_nearly_tips_is_rubbed_at_its_front(speed: float) -> None:
-    """Its back corners bear nothing, but for a rounding, which counted as friction out of its cone:
-    so such a cube slid on for ever.
+    """Corners at the back bear nothing, but for a rounding, which counted as friction out of its
+    cone: so such a cube slid on for ever.
     """
     corners = [np.array([x, y, -0.05]) for x in (-0.05, 0.05) for y in (-0.05, 0.05)]
     J = np.array([np.r_[d, np.cross(r, d)] for r in corners for d in np.eye(3)[[2, 0, 1]]])

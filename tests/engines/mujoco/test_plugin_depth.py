@@ -274,8 +274,8 @@ def pushing(speed: float) -> Control:
 def test_a_mocap_hand_pushes_a_box_without_going_into_it_or_throwing_it(
     speed: float, step: float
 ) -> None:
-    """Its face and the floor rub with a coefficient of 1: forces of both that undo each other went
-    up to 6e6 N, and the hand in by 40 mm.
+    """Hand and floor rub with a coefficient of 1: forces of both that undo each other went up to
+    6e6 N, and the hand in by 40 mm.
     """
     text = with_laws(PUSHED.format(more=""), PUSHES, f'timestep="{step}"')
     seen = depths(text, 4.0, control=pushing(speed))

@@ -12,7 +12,7 @@
                                   that step's accelerations, and rows that push must differ from those that do not by more than
                                   what these change by; */
 #define HCB_REST_BELOW 0.1     /* there: least share of gravity along the normal */
-#define HCB_REST_STEEP 1e-3    /* under Newton where gravity hardly closes a contact, as stiffer rows of what is wedged make forces without bound; */
+#define HCB_REST_STEEP 1e-3    /* under Newton where gravity hardly closes a contact: what is wedged in stiffer rows bears any force; */
 #define HCB_REST_CG 1e-3       /* under CG, which does not settle stiffer rows in its iterations; */
 #define HCB_REST_FORCES 1e-6   /* under PGS and noslip, whose forces the step takes; */
 #define HCB_FORCES_MOVING 1e-5 /* under these in motion: of 200 thrown boxes one met a force 30 times too high */
@@ -20,7 +20,7 @@
 #define HCB_LIFTS 0.5       /* of the speed that counts as rest, at which what rests too deep is lifted; */
 #define HCB_RETURNS 0.9     /* of the speed at which it turns in, besides: two ends of a body that send each other down gain nothing */
 #define HCB_LIFT_STEPS 2    /* in which it is, or more; */
-#define HCB_STEEP 0.2       /* of gravity along the normal, below which others close a contact: a slope a wall, a hand what it pushes; */
+#define HCB_STEEP 0.2       /* of gravity along the normal, below which others close a contact, as a slope does a wall's; */
 #define HCB_STEEP_STEPS 3   /* of its approach, from which depth on what comes there as slowly as a step's fall is at rest */
 #define HCB_STRAYS 1e-2 /* of the speed that counts as rest, up to which contacts may move that are to stand (strays.c) */
 #define HCB_NO_FORCE 1e-40    /* D of a row whose force starts from 0 */
@@ -184,8 +184,8 @@ static double own_depth(const mjModel* m, double third) { return mju_norm3(m->op
    did not stop. As it comes down by u h/2 within a step, speeds of -u and u at its two ends keep the depth and the energy; 0 at the end
    loses both, and so does an impact. What comes down that slowly in a deep contact is at rest, then; what has just landed is as deep as
    it came in the step, and is not meant. What a landing left goes at a speed that the next step's fall takes back, so that nothing hops.
-   Where gravity hardly closes a contact, as at a wall or in front of a hand, others bring it as fast as they fall in a step: that is no
-   impact once it is in. falls: the speed that counts as rest where gravity closes a contact in full. */
+   Where gravity hardly closes a contact, as at a wall or in front of a hand, others bring it as fast as they fall in a step, and it is
+   at rest, too, once it is in. falls: the speed that counts as rest where gravity closes a contact in full. */
 static void set_lift(const mjModel* m, blow* b, double falls) {
   double h = m->opt.timestep, third = third_of_constant(m, b), approach = fmax(0, -b->rate[0]);
   double calm = b->steep ? falls : b->law.still;

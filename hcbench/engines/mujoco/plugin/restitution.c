@@ -587,8 +587,10 @@ static int collide_tame(const mjModel* m, mjData* d, int first, blow* all, int c
     wild = ended && !memory->is_again && find_wild(m, d, memory, change);
     if (ended) count = leave_out_wild(m, memory, all, count);
   }
-  if (!ended) warn_of_jam(m, d, memory, moved_contact(m, memory, all, count));
-  return ended ? count : 0;
+  if (ended) return count;
+  warn_of_jam(m, d, memory, moved_contact(m, memory, all, count));
+  for (int tree = 0; tree < m->ntree; tree++) memory->wild[tree] = 1; /* in the stages of RK4, too */
+  return 0;
 }
 
 /* Adds to the passive forces what lets contacts collide, over the step. Where that is without bound nothing is added, and it
