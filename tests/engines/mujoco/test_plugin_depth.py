@@ -103,12 +103,12 @@ EGG = (
 )
 
 
-@pytest.mark.parametrize("step", [2e-3, 0.5e-3])
+@pytest.mark.parametrize("step", [2e-3, 1e-3])
 def test_an_ellipsoid_that_rolls_stays_on_the_floor_and_keeps_its_energy(step: float) -> None:
     """At a speed of 0 along the normal it sank by 6 mm a second, and lost what it sank."""
     text = with_laws(EGG, {("egg", "floor"): 0.3}, f'timestep="{step}"')
-    seen = depths(text, 3.0, (1.0, 0.0, 0.0, 3.0, 25.0, 0.0))
-    assert seen.last < 0.85e-3
+    seen = depths(text, 8.0, (1.0, 0.0, 0.0, 3.0, 25.0, 0.0))
+    assert seen.last < 0.75e-3
     assert seen.rose < 0.01 * seen.energy
 
 

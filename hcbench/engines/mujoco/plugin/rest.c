@@ -205,7 +205,8 @@ static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* 
   /* Back as fast, at the same depth and for no work: what turning has parted, and all in RK4, which moves on the way. */
   double closing = fmax(0, b->held ? 0 : stage ? b->parting : fmin(fmin(b->parting, b->rate[0]), b->swing)) - (b->rests ? b->lift : 0);
   double slip = length(b->rate[1], b->rate[2]), back = 0; /* a point that sticks and runs on: at -u and u, as what is lifted (set_lift) */
-  if (stage == 0 && !loaded && b->rests && slip > 0 && b->slip < HCB_STANDS) back = HCB_RETURNS * fmin(1, b->swing / slip);
+  int runs_on = stage == 0 && !loaded && !is_dual(m) && b->rests && b->slip < HCB_STANDS; /* PGS settles that slowly */
+  if (runs_on && slip > 0) back = HCB_RETURNS * fmin(1, b->swing / slip);
   for (int i = 0; i < b->rows; i++) {
     int k = b->cone ? 1 + i / 2 : i;
     double rate = (k == 1 || k == 2 ? 1 + back : 1) * b->rate[k];
