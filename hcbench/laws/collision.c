@@ -19,6 +19,7 @@
 #define HCB_NOWHERE 1e-5 /* by no more than that of the approach; */
 #define HCB_NO_LESS 0.9  /* nor do those of friction that shrink by no less from leap to leap */
 #define HCB_LEAST_FRICTION 1e-9
+#define HCB_CONE_ROUNDING 1e-6
 
 enum { HCB_LAW = 0, HCB_LINEAR = 1, HCB_CONSTANT = 2 };
 
@@ -203,10 +204,14 @@ static double friction_sweep(hcb_group* g, double scale, int tangents) {
   return change;
 }
 
+/* Whether friction is within Coulomb's, but for a rounding of the largest: a contact that is about to part, as that at the back of a
+   box that nearly tips, bears next to nothing. */
 static int cones_kept(const hcb_group* g) {
+  double largest = 0;
+  for (int i = 0; i < g->n; i++) largest = larger(largest, g->p[3 * i]);
   for (int i = 0; i < g->n; i++) {
     double limit = g->s->c[g->of[i]].friction * g->p[3 * i];
-    if (length(g->p[3 * i + 1], g->p[3 * i + 2]) > 1.01 * limit) return 0;
+    if (length(g->p[3 * i + 1], g->p[3 * i + 2]) > 1.01 * limit + HCB_CONE_ROUNDING * largest) return 0;
   }
   return 1;
 }

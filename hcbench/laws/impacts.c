@@ -23,7 +23,8 @@
    Smith, Kaufman, Vouga, Tamstorf and Grinspun (ACM TOG 31(4) 106, 2012) collide the approaching set in rounds
    with one e for all; here each contact has its own, and energy is bounded as the work of the impulses,
    p.(u before + u after)/2, which needs no masses. That frictional Poisson impacts can gain energy: Glocker
-   (Multibody Syst. Dyn. 29, 2013). Rounds are limited to 4n + 40: what then still approaches is left to rest. */
+   (Multibody Syst. Dyn. 29, 2013). Rounds are limited to 4n + 40 (hcb_most_rounds): what then still approaches is
+   left to rest. Energy bounds it, but for a body that is moved against one that cannot move: each round adds what it works. */
 
 #ifndef HCB_IMPACTS_C
 #define HCB_IMPACTS_C
@@ -42,6 +43,9 @@ typedef struct { /* room, as `work` is divided */
 size_t hcb_impacts_work(int n, int parts, int nv) {
   return (35 + 3 * HCB_KEPT) * (size_t)n + 4 * ((size_t)nv + 3) + (5 * (size_t)n + 3 * (size_t)parts) / 2 + 2;
 }
+
+/* Rounds after which the impacts of n contacts came to no end. */
+int hcb_most_rounds(int n) { return 4 * n + 40; }
 
 static hcb_room divide(const hcb_system* s, double* work) {
   int n = s->n, nv = s->at[s->parts];
@@ -201,7 +205,7 @@ int hcb_impacts(const hcb_system* s, double* u, double* p, double* work) {
   memset(p, 0, 3 * (size_t)n * sizeof(double));
   memset(r.total, 0, s->at[s->parts] * sizeof(double));
   memcpy(r.first, u, 3 * (size_t)n * sizeof(double));
-  for (round = 0; round < 4 * n + 40 && list_approaching(s, &r, u) > 0; round++) {
+  for (round = 0; round < hcb_most_rounds(n) && list_approaching(s, &r, u) > 0; round++) {
     for (int i = 0; i < n; i++) {
       int parts, count;
       if (r.taken[i]) continue;

@@ -246,6 +246,19 @@ def test_corners_of_a_face_that_rub_stick_or_slide_against_their_slip() -> None:
     assert slides > 0
 
 
+@pytest.mark.parametrize("speed", [0.46, 0.44114, 0.3, 0.1])
+def test_a_cube_that_slides_and_nearly_tips_is_rubbed_at_its_front(speed: float) -> None:
+    """Corners at the back bear nothing, but for a rounding, which counted as friction out of its
+    cone: so such a cube slid on for ever.
+    """
+    corners = [np.array([x, y, -0.05]) for x in (-0.05, 0.05) for y in (-0.05, 0.05)]
+    J = np.array([np.r_[d, np.cross(r, d)] for r in corners for d in np.eye(3)[[2, 0, 1]]])
+    M, v = np.diag([1.0] * 3 + [0.005 / 3] * 3), np.array([speed, 0, -0.02, 0, 0, 0])
+    after = collide(M, J, v, [Contact(CONSTANT, 0.0, 1.0, 2e-4) for _ in corners])
+    assert after.v[0] == pytest.approx(speed - 0.02, abs=1e-6)
+    np.testing.assert_allclose(after.v[1:], 0.0, atol=1e-6)
+
+
 @pytest.mark.parametrize(("n", "incoming"), [(2, 1), (5, 1), (5, 2), (10, 3)])
 def test_elastic_row_sends_out_as_many_as_come_in(n: int, incoming: int) -> None:
     v = [1.0] * incoming + [0.0] * (n - incoming)

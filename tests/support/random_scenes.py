@@ -280,7 +280,7 @@ def _power_of_turning(model: Any, data: Any) -> float:
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 # What gains energy: MuJoCo's own step, and the lift of what starts inside or lands deep.
 NAMED = ("rad in a step", "too fast for a step", "mm inside body", "may land more than")
-NAMED_DEPTHS = ("mm deeper than on MuJoCo's own contact", "mm inside body")
+NAMED_DEPTHS = ("mm deeper than", "mm inside body")
 DEEPER = 1e-3  # m, up to which none goes deeper than native contact that the plug-in does not name
 
 

@@ -53,14 +53,18 @@ class Depths:
     """Depth, m, of the deepest contact in all of a run, and in its last half second.
 
     energy: at the start, J; rose: the most that it rose after its lowest, J.
-    named: whether the plug-in warned.
+    warned: what the plug-in said.
     """
 
     most: float
     last: float
     energy: float
     rose: float
-    named: bool
+    warned: list[str]
+
+    @property
+    def named(self) -> bool:
+        return bool(self.warned)
 
 
 Control = Callable[[Any, Any], None]
@@ -90,7 +94,7 @@ def depths(
         mujoco.set_mju_user_warning(None)
     rose = float((energy - np.minimum.accumulate(energy)).max())
     late = round(0.5 / model.opt.timestep)
-    return Depths(float(depth.max()), float(depth[-late:].max()), energy[0], rose, bool(warned))
+    return Depths(float(depth.max()), float(depth[-late:].max()), energy[0], rose, warned)
 
 
 EGG = (
@@ -99,12 +103,12 @@ EGG = (
 )
 
 
-@pytest.mark.parametrize("step", [2e-3, 0.5e-3])
+@pytest.mark.parametrize("step", [2e-3, 1e-3])
 def test_an_ellipsoid_that_rolls_stays_on_the_floor_and_keeps_its_energy(step: float) -> None:
     """At a speed of 0 along the normal it sank by 6 mm a second, and lost what it sank."""
     text = with_laws(EGG, {("egg", "floor"): 0.3}, f'timestep="{step}"')
-    seen = depths(text, 3.0, (1.0, 0.0, 0.0, 3.0, 25.0, 0.0))
-    assert seen.last < 0.85e-3
+    seen = depths(text, 8.0, (1.0, 0.0, 0.0, 3.0, 25.0, 0.0))
+    assert seen.last < 0.75e-3
     assert seen.rose < 0.01 * seen.energy
 
 
@@ -159,18 +163,31 @@ HAND = """
 """
 
 
-def test_a_hand_on_a_weld_pushes_a_box_without_going_into_it() -> None:
-    """A solution of the contacts that the weld's own forces would gain energy by was given up for
-    none at all, and the box sank into the hand by 12 mm a second."""
+def welded_hand(options: str, seconds: float) -> Depths:
+    """A hand that a weld draws after a mocap body pushes a box at 0.25 m/s."""
     pairs = {("hand", "box"): 0.0, ("box", "floor"): 0.0}
-    text = with_laws(HAND, pairs, 'timestep="0.002"').replace(
+    text = with_laws(HAND, pairs, options).replace(
         "</mujoco>", '<equality><weld body1="guide" body2="hand"/></equality></mujoco>'
     )
 
     def push(model: Any, data: Any) -> None:
         data.mocap_pos[0, 0] = -0.12 + 0.25 * (data.time + model.opt.timestep)
 
-    assert depths(text, 3.0, control=push).most < 1.5e-3
+    return depths(text, seconds, control=push)
+
+
+def test_a_hand_on_a_weld_pushes_a_box_without_going_into_it() -> None:
+    """A solution of the contacts that the weld's own forces would gain energy by was given up for
+    none at all, and the box sank into the hand by 12 mm a second.
+    """
+    assert welded_hand('timestep="0.002"', 3.0).most < 0.6e-3
+
+
+def test_under_rk4_a_hand_on_a_weld_goes_into_the_box_as_the_page_says_and_is_named() -> None:
+    """A fault that is known."""
+    seen = welded_hand('timestep="0.001" integrator="RK4"', 2.0)
+    assert seen.last == pytest.approx(1.4e-3 * 2.0, rel=0.5)
+    assert any("1 mm deeper than its speed" in one for one in seen.warned)
 
 
 def dropped(seed: int) -> tuple[str, str, tuple[float, ...]]:
@@ -207,13 +224,86 @@ WEDGE = """
 """
 
 
-def test_a_ball_between_a_slope_and_a_wall_sinks_into_the_wall_as_the_page_says_and_is_named() -> (
-    None
-):
-    """A fault that is known: rows of a wall let go what parts from it by a rounding, and nothing
-    but the slope presses it back.
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
+def test_a_ball_between_a_slope_and_a_wall_stays_where_it_touches_both(integrator: str) -> None:
+    """The wall's rows let go what parted by a rounding, so that the slope pressed it in by 3 mm a
+    second.
     """
     pairs = {("ball", "slope"): 0.3, ("ball", "wall"): 0.3}
-    seen = depths(with_laws(WEDGE, pairs, 'timestep="0.002"'), 4.0)
-    assert seen.last == pytest.approx(3e-3 * 4.0, rel=0.5)
-    assert seen.named
+    text = with_laws(WEDGE, pairs, f'timestep="0.002" integrator="{integrator}"')
+    seen = depths(text, 4.0)
+    assert seen.last < 0.04e-3
+    assert not seen.named
+
+
+TUBE = """
+<geom name="left" type="box" size=".01 .1 .2" pos="-.05 0 .2"/>
+<geom name="right" type="box" size=".01 .1 .2" pos=".05 0 .2"/>
+<body pos="-.008 0 .05"><freejoint/><geom name="one" size=".03" mass=".1"/></body>
+<body pos=".008 0 .12"><freejoint/><geom name="two" size=".03" mass=".1"/></body>
+"""
+
+
+def test_balls_that_press_each_other_against_walls_stay_between_them() -> None:
+    """They sank into the walls by 17 mm in 6 s, or were thrown by forces that undid each other."""
+    names = ("one", "two")
+    pairs = {(ball, other): 0.3 for ball in names for other in ("left", "right", "floor")}
+    seen = depths(with_laws(TUBE, {**pairs, names: 0.3}, 'timestep="0.002"'), 4.0)
+    assert seen.last < 0.35e-3
+    assert seen.rose < 0.01 * seen.energy
+
+
+PUSHED = """
+<body name="hand" mocap="true" pos="-.1 0 .06">
+  <geom name="hand" type="box" size=".02 .1 .05"/></body>
+<body pos="0 0 .05"><freejoint/><geom name="box" type="box" size=".05 .05 .05" mass="1"/></body>
+{more}
+"""
+PUSHES = {("hand", "box"): 0.3, ("box", "floor"): 0.3}
+
+
+def pushing(speed: float) -> Control:
+    def push(model: Any, data: Any) -> None:
+        data.mocap_pos[0, 0] = -0.1 + speed * (data.time + model.opt.timestep)
+
+    return push
+
+
+@pytest.mark.parametrize("step", [1e-3, 2e-3])
+@pytest.mark.parametrize("speed", [0.02, 0.15])
+def test_a_mocap_hand_pushes_a_box_without_going_into_it_or_throwing_it(
+    speed: float, step: float
+) -> None:
+    """Hand and floor rub with a coefficient of 1: forces of both that undo each other went up to
+    6e6 N, and the hand in by 40 mm.
+    """
+    text = with_laws(PUSHED.format(more=""), PUSHES, f'timestep="{step}"')
+    seen = depths(text, 4.0, control=pushing(speed))
+    assert seen.most < 0.5e-3
+    assert not seen.named
+    assert seen.rose < 0.5 * 1.0 * (1.6 * speed) ** 2 + 1e-4  # the hand sends it on at 1.3 times
+
+
+def test_a_mocap_hand_that_jams_a_box_against_a_wall_is_named_and_throws_nothing() -> None:
+    """Impacts between a body that is moved and one that cannot move have no end."""
+    wall = '<geom name="wall" type="box" size=".02 .3 .1" pos=".12 0 .1"/>'
+    text = with_laws(PUSHED.format(more=wall), {**PUSHES, ("box", "wall"): 0.3}, "")
+    seen = depths(text, 1.0, control=pushing(0.1))
+    (said,) = (one for one in seen.warned if "jams" in one)
+    assert 'mocap body "hand" jams body 2 at ' in said
+    assert seen.rose < 0.05
+
+
+def test_each_pair_that_starts_inside_is_named_up_to_the_fifth() -> None:
+    """A user who mends the first that is named would find the next one, run by run."""
+    boxes = "".join(
+        f'<body name="b{k}" pos="{k} 0 .02"><freejoint/>'
+        f'<geom name="g{k}" type="box" size=".03 .03 .03"/></body>'
+        for k in range(7)
+    )
+    text = with_laws(boxes, {(f"g{k}", "floor"): 0.3 for k in range(7)}, "")
+    said = depths(text, 0.02).warned
+    for k in range(5):
+        assert sum(f'body "b{k}" starts 9.98 mm inside body "world"' in one for one in said) == 1
+    assert sum("more than 5 pairs start inside each other" in one for one in said) == 1
+    assert len(said) == 6

@@ -1,4 +1,4 @@
-"""Energy in random scenes under MuJoCo's plug-ins: 60 of a design here,
+"""Energy in random scenes under MuJoCo's plug-ins: 200 of a design here,
 2000 under `make test-plugins`.
 
 The long run writes its table into docs/reference/plugins.md; the
@@ -31,7 +31,7 @@ from random_scenes import (
 pytestmark = pytest.mark.filterwarnings("ignore::hcbench.contact.mujoco.ContactAccuracyWarning")
 
 LONG = "HCBENCH_PLUGINS" in os.environ  # make test-plugins
-COUNT, SECONDS = (2000, 0.6) if LONG else (60, 0.3)
+COUNT, SECONDS = (2000, 0.6) if LONG else (200, 0.25)
 TABLE = "random"
 
 
@@ -66,7 +66,7 @@ def test_what_bounces_comes_faster_and_goes_no_deeper_than_on_native_contact_at_
     neither bounce.
     """
     made = make(design(2000)[seed], seed)
-    seen, native = simulate(made, SECONDS), simulate(made, SECONDS, native=True)
+    seen, native = simulate(made, 0.3), simulate(made, 0.3, native=True)
     assert seen.depth > native.depth + DEEPER
     assert deeper(made, seen, native) < 1e-6
 

@@ -121,31 +121,45 @@ static int any_pushed(const mjModel* m, const mjData* d) {
   return 0;
 }
 
-/* Adds to the new velocities and positions what the accelerations give beyond the forces: (M - h D)^-1 of
-   M qacc - qfrc_smooth - qfrc_constraint. Of a solver that stops before its end the forces are the better: accelerations that
-   no force gives would gain energy, and strays.c puts other forces of contacts in their place. There it takes that away. */
+/* What the accelerations give beyond the forces, m/s^2: (M - h D)^-1 of M qacc - qfrc_smooth - qfrc_constraint. */
+static void beyond_forces(const mjModel* m, mjData* d, const tree_parts* t, double* out) {
+  mj_markStack(d);
+  double* x = stack(d, m->nv);
+  mj_mulM(m, d, out, d->qacc);
+  for (int q = 0; q < t->parts; q++) {
+    const int* dof = t->dof + t->at[q];
+    int n = part_size(t, q), pushed = 0;
+    for (int i = 0; i < n; i++) {
+      pushed |= d->qfrc_constraint[dof[i]] != 0;
+      x[i] = out[dof[i]] - d->qfrc_smooth[dof[i]] - d->qfrc_constraint[dof[i]];
+    }
+#ifdef HCB_SLEEP
+    for (int i = 0; i < n; i++) pushed &= d->tree_awake[m->dof_treeid[dof[i]]];
+#endif
+    for (int i = 0; i < n && !pushed; i++) x[i] = 0;
+    if (pushed) solve_step(m, d, t, q, takes_forces(m), x);
+    for (int i = 0; i < n; i++) out[dof[i]] = x[i];
+  }
+  mj_freeStack(d);
+}
+
+/* Whether bodies have moved by the accelerations once take_accelerations has been. */
+static int moves_by_accelerations(const mjModel* m, const mjData* d, int first) {
+  return !is_dual(m) && m->opt.integrator != mjINT_RK4 && !m->nflex && !is_unsolved(m, d, first);
+}
+
+/* Adds to the new velocities and positions what the accelerations give beyond the forces. Of a solver that stops before its end the
+   forces are the better: accelerations that no force gives would gain energy, and strays.c puts other forces of contacts in their
+   place. There it takes that away. */
 static void take_accelerations(const mjModel* m, mjData* d, int first) {
   double h = m->opt.timestep;
   int early = is_unsolved(m, d, first), forces = takes_forces(m);
   if (is_dual(m) || forces == early || m->opt.integrator == mjINT_RK4 || m->nflex || !any_pushed(m, d) || !has_contact(m, d, first)) return;
   mj_markStack(d);
   tree_parts t = make_parts(m, d, first, 0);
-  double *missing = stack(d, m->nv), *x = stack(d, m->nv);
-  mj_mulM(m, d, missing, d->qacc);
-  for (int q = 0; q < t.parts; q++) {
-    const int* dof = t.dof + t.at[q];
-    int n = part_size(&t, q), pushed = 0;
-    for (int i = 0; i < n; i++) {
-      pushed |= d->qfrc_constraint[dof[i]] != 0;
-      x[i] = missing[dof[i]] - d->qfrc_smooth[dof[i]] - d->qfrc_constraint[dof[i]];
-    }
-#ifdef HCB_SLEEP
-    for (int i = 0; i < n; i++) pushed &= d->tree_awake[m->dof_treeid[dof[i]]];
-#endif
-    for (int i = 0; i < n && !pushed; i++) x[i] = 0;
-    if (pushed) solve_step(m, d, &t, q, forces, x);
-    for (int i = 0; i < n; i++) missing[dof[i]] = (early ? -h : h) * x[i];
-  }
+  double* missing = stack(d, m->nv);
+  beyond_forces(m, d, &t, missing);
+  mju_scl(missing, missing, early ? -h : h, m->nv);
   mju_addTo(d->qvel, missing, m->nv);
   mj_integratePos(m, d->qpos, missing, h);
   mj_freeStack(d);

@@ -19,7 +19,7 @@
 #include "../../../laws/published.c"
 
 enum { ROWS = 10, NAME = 64 };
-enum { WARNED_FAST = 1, WARNED_WILD = 2, WARNED_UNSOUND = 4, WARNED_DEEPER = 8, WARNED_UNEVEN = 16, WARNED_SUNK = 32, WARNED_UNSTABLE = 64, WARNED_LATE = 128, WARNED_INSIDE = 256 }; /* of hcbench.restitution */
+enum { WARNED_FAST = 1, WARNED_WILD = 2, WARNED_UNSOUND = 4, WARNED_DEEPER = 8, WARNED_UNEVEN = 16, WARNED_SUNK = 32, WARNED_UNSTABLE = 64, WARNED_LATE = 128, WARNED_INSIDE = 256, WARNED_JAM = 512 }; /* of hcbench.restitution */
 
 static const char* const FORCE_NAME = "hcbench.hunt_crossley";
 static const char* const RESTITUTION_NAME = "hcbench.restitution";
@@ -48,6 +48,7 @@ typedef struct { /* an instance, in mjData.plugin_data */
   char law[NAME];
   number stiffness, alpha, e;
   double exponent, static_friction, dynamic_friction, slip_speed;
+  int sunk_pairs[2]; /* of the first instance: how many sank, and how many started inside, up to the last that is named */
   double lets, starts_in; /* how deep MuJoCo's contact would have gone, and its pair was where states do not follow one another, m */
   /* of the first instance: what all instances were read from (is_read), size bytes */
   char* source;

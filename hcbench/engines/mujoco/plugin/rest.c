@@ -12,6 +12,7 @@
                                   that step's accelerations, and rows that push must differ from those that do not by more than
                                   what these change by; */
 #define HCB_REST_BELOW 0.1     /* there: least share of gravity along the normal */
+#define HCB_REST_STEEP 1e-3    /* under Newton where gravity hardly closes a contact: what is wedged in stiffer rows bears any force; */
 #define HCB_REST_CG 1e-3       /* under CG, which does not settle stiffer rows in its iterations; */
 #define HCB_REST_FORCES 1e-6   /* under PGS and noslip, whose forces the step takes; */
 #define HCB_FORCES_MOVING 1e-5 /* under these in motion: of 200 thrown boxes one met a force 30 times too high */
@@ -19,13 +20,15 @@
 #define HCB_LIFTS 0.5       /* of the speed that counts as rest, at which what rests too deep is lifted; */
 #define HCB_RETURNS 0.9     /* of the speed at which it turns in, besides: two ends of a body that send each other down gain nothing */
 #define HCB_LIFT_STEPS 2    /* in which it is, or more; */
-#define HCB_STEEP 0.2       /* of gravity along the normal, below which none is lifted */
+#define HCB_STEEP 0.2       /* of gravity along the normal, below which others close a contact, as a slope does a wall's; */
+#define HCB_STEEP_STEPS 3   /* of its approach, from which depth on what comes there as slowly as a step's fall is at rest */
 #define HCB_STRAYS 1e-2 /* of the speed that counts as rest, up to which contacts may move that are to stand (strays.c) */
 #define HCB_NO_FORCE 1e-40    /* D of a row whose force starts from 0 */
 #define HCB_SILENT -1e10       /* m/s^2: a row that never pushes */
 
 typedef struct { /* a contact of a law: rows of the solver from `row` on */
-  int instance, id, order, contact, tendon, body[2], row, rows, dim, cone, touches, rests, held; /* held: parts, and must not close */
+  int instance, id, order, contact, tendon, body[2], row, rows, dim, cone, touches, rests, held, steep; /* held: parts, and must not
+                                            close; steep: gravity hardly closes it */
   double rate[6], lead[3], turn[3], friction[5]; /* lead: of the first three of the rates, by half a step; turn: of
                                             the last three, after the impact */
   double slip, dilation, parting, swing, x, constant, lift; /* dilation: speed at which the slip parts MuJoCo's cones; swing: at most what
@@ -116,19 +119,20 @@ static double rest_compliance(const mjModel* m, const mjData* d, const blow* b, 
   int moves = fastest > HCB_STANDS;
   if (is_dual(m)) return moves ? HCB_FORCES_MOVING : HCB_REST_FORCES;
   if (m->opt.solver == mjSOL_CG) return HCB_REST_CG;
+  if (b->steep) return HCB_REST_STEEP;
   double least = moves && m->opt.cone == mjCONE_ELLIPTIC ? HCB_REST_MOVING : HCB_REST;
   if (!loaded || gravity == 0 || b->law.still <= falls) return least;
   return fmax(least, fmin(HCB_REST_LOADED, HCB_REST_GIVES * change_of(m, d, b) / gravity));
 }
 
 /* Whether a contact that is to stand is solved again after the step where it does not (strays.c): one that turns against friction;
-   and one that slides, or is pressed by other forces than rest.c knows, or moves on in the stages of RK4, but for Newton where only
-   one is so. */
-static int may_stray(const mjModel* m, const blow* b, int loaded) {
+   one that slides, or is pressed by other forces than rest.c knows, or moves on in the stages of RK4, but for Newton where only
+   one is so; and each where others press a contact that gravity hardly closes (wedged), as they may press each other at will. */
+static int may_stray(const mjModel* m, const blow* b, int loaded, int wedged) {
   double slow = HCB_STRAYS * b->law.still;
   int slides = larger(b->slip, length(b->rate[1], b->rate[2])) > slow, turns = b->dim > 3 && b->dilation > slow;
   int reasons = loaded + (m->opt.solver != mjSOL_NEWTON) + (m->opt.integrator == mjINT_RK4) + slides;
-  return b->tendon < 0 && (b->rests || b->held) && (turns || reasons > 1 || stops_early(m));
+  return b->tendon < 0 && (b->rests || b->held) && (turns || wedged || reasons > 1 || stops_early(m));
 }
 
 /* Marks a contact of MuJoCo as one that is to stand after the step (`standing`). */
@@ -175,48 +179,50 @@ static double third_of_constant(const mjModel* m, const blow* b) {
 /* How deep a body stands at rest on MuJoCo's own contact, m, for a third of its time constant. */
 static double own_depth(const mjModel* m, double third) { return mju_norm3(m->opt.gravity) * third * third; }
 
-/* Whether gravity hardly closes a contact: what rests in it is pressed there by others, as by a slope against a wall. */
-static int is_steep(const mjModel* m, const blow* b) {
-  return b->law.still < HCB_STEEP * HCB_STILL * mju_norm3(m->opt.gravity) * m->opt.timestep;
-}
-
 /* Sets the speed at which a contact is lifted where it rests deeper than on MuJoCo's own contact. Rows hold velocities, and what turns
    sinks by more than these say: the point at which a disc touches runs on, and the next one comes down at a speed u that the last step
    did not stop. As it comes down by u h/2 within a step, speeds of -u and u at its two ends keep the depth and the energy; 0 at the end
    loses both, and so does an impact. What comes down that slowly in a deep contact is at rest, then; what has just landed is as deep as
    it came in the step, and is not meant. What a landing left goes at a speed that the next step's fall takes back, so that nothing hops.
-   Where gravity hardly closes a contact, as at a wall or in front of a hand, what is lifted would go on, or gain energy. */
-static void set_lift(const mjModel* m, blow* b) {
+   Where gravity hardly closes a contact, as at a wall or in front of a hand, others bring it as fast as they fall in a step, and it is
+   at rest, too, once it is in. falls: the speed that counts as rest where gravity closes a contact in full. */
+static void set_lift(const mjModel* m, blow* b, double falls) {
   double h = m->opt.timestep, third = third_of_constant(m, b), approach = fmax(0, -b->rate[0]);
-  double excess = b->x - own_depth(m, third) - approach * h;
-  if (excess <= 0 || mju_norm3(m->opt.gravity) == 0 || is_steep(m, b)) return;
-  double most = excess / (HCB_LIFT_STEPS * h);
+  double calm = b->steep ? falls : b->law.still;
+  if (b->steep && approach <= calm && b->x > HCB_STEEP_STEPS * approach * h) b->law.still = fmax(b->law.still, approach);
+  double excess = b->x - own_depth(m, third) - approach * h, most = excess / (HCB_LIFT_STEPS * h);
+  if (excess <= 0 || falls == 0) return;
   int turns_in = approach <= most;
-  b->lift = fmin(most, HCB_LIFTS * b->law.still + (turns_in ? HCB_RETURNS * approach : 0));
+  b->lift = fmin(most, HCB_LIFTS * calm + (turns_in ? HCB_RETURNS * approach : 0));
   if (turns_in) b->law.kind = HCB_CONSTANT, b->law.value = 0;
   if (turns_in && m->opt.integrator == mjINT_RK4) b->law.still = fmax(b->law.still, approach); /* its step is not made again */
 }
 
-static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, int loaded) {
+static void set_rows(const mjModel* m, mjData* d, instance* memory, const blow* b, int stage, int loaded, int wedged) {
   plan now = {.rows = b->rows}, *made = stage > 1 ? planned(memory, b->instance, b->id, b->order) : NULL;
   double h = m->opt.timestep, mu = b->friction[0], compliance = rest_compliance(m, d, b, loaded);
+  int stands = may_stray(m, b, loaded, wedged);
   /* Back as fast, at the same depth and for no work: what turning has parted, and all in RK4, which moves on the way. */
   double closing = fmax(0, b->held ? 0 : stage ? b->parting : fmin(fmin(b->parting, b->rate[0]), b->swing)) - (b->rests ? b->lift : 0);
+  double slip = length(b->rate[1], b->rate[2]), back = 0; /* a point that sticks and runs on: at -u and u, as what is lifted (set_lift) */
+  int runs_on = stage == 0 && !loaded && !is_dual(m) && b->rests && b->slip < HCB_STANDS; /* PGS settles that slowly */
+  if (runs_on && slip > 0) back = HCB_RETURNS * fmin(1, b->swing / slip);
   for (int i = 0; i < b->rows; i++) {
     int k = b->cone ? 1 + i / 2 : i;
-    double tangential = b->cone ? (i % 2 ? -1 : 1) * b->friction[k - 1] * b->rate[k] : 0;
-    now.value[i] = i && !b->cone ? -b->rate[k] / h : (-b->rate[0] - tangential - b->dilation - closing) / h;
+    double rate = (k == 1 || k == 2 ? 1 + back : 1) * b->rate[k];
+    double tangential = b->cone ? (i % 2 ? -1 : 1) * b->friction[k - 1] * rate : 0;
+    now.value[i] = i && !b->cone ? -rate / h : (-b->rate[0] - tangential - b->dilation - closing) / h;
     if ((!b->rests && !b->held) || stage > 1) now.value[i] = i && !b->cone ? 0 : HCB_SILENT; /* new ones wait for the next step */
   }
   if (stage == 1) {
     made = new_plan(memory, b->instance, b->id, b->order);
     made->rows = now.rows;
-    made->stands = may_stray(m, b, loaded);
+    made->stands = stands;
     made->closing = closing;
     memcpy(made->value, now.value, sizeof(now.value));
   }
   if (made && made->rows == now.rows) now = *made;
-  if (stage == 0 && may_stray(m, b, loaded)) let_stand(memory, b->contact, closing);
+  if (stage == 0 && stands) let_stand(memory, b->contact, closing);
   if (stage == 4 && made && made->stands) let_stand(memory, b->contact, made->closing);
   if (b->cone) compliance /= fmax(2 * mu * mu, 1e-12); /* a pyramid's rows have 2 mu^2 in theirs */
   for (int i = 0; i < now.rows; i++) set_row(m, d, b->row + i, now.value[i], compliance);

@@ -9,6 +9,7 @@
 #define HCB_COARSE_STEP 0.125 /* of a contact's time constant: from there on limbs sink deeper in a step than MuJoCo's contact, ... */
 #define HCB_COARSE_FREE 0.3    /* ... and free bodies from there on, ... */
 #define HCB_DEEPER 1e-3    /* ... named where that may be more, m */
+#define HCB_NAMED 5        /* pairs that are deep, of each kind */
 #define HCB_ITERATIONS 5   /* of the solver Newton, without which robots sink; ... */
 #define HCB_ITERATIONS_OTHERS 20 /* ... of CG and PGS */
 
@@ -80,8 +81,10 @@ static void add_contact(const mjModel* m, const mjData* d, const instance* memor
   mju_zero((double*)b, sizeof(*b) / sizeof(double)); /* faster than an initializer, which compilers make a slow instruction of */
   b->instance = i, b->id = id, b->order = order, b->contact = k;
   read_contact(m, d, memory, c, b);
-  b->law = law_of_contact(m, instance_of(d, i), b->friction[0], fall(m, b->body, c->frame));
-  set_lift(m, b);
+  double falls = fall(m, b->body, c->frame), most = mju_norm3(m->opt.gravity) * m->opt.timestep;
+  b->law = law_of_contact(m, instance_of(d, i), b->friction[0], falls);
+  b->steep = falls < HCB_STEEP * most;
+  set_lift(m, b, HCB_STILL * most);
 }
 
 static int add_limit(const mjModel* m, const mjData* d, int i, blow* all) {
@@ -226,8 +229,8 @@ static void add_turning(const mjModel* m, mjData* d, blow** of, int n, const dou
 }
 
 /* Impacts of contacts that touch, into `impulse`; which of them rest then, and slip how fast. impulse: NULL where none collides;
-   falls: force_in_flight, NULL without. */
-static void collide(const mjModel* m, mjData* d, int first, blow* all, int count, double* impulse, const double* falls) {
+   falls: force_in_flight, NULL without. Whether the impacts came to an end. */
+static int collide(const mjModel* m, mjData* d, int first, blow* all, int count, double* impulse, const double* falls) {
   int n = 0;
   mj_markStack(d);
   blow** of = mj_stackAllocByte(d, (count + 1) * sizeof(blow*), sizeof(double));
@@ -242,8 +245,7 @@ static void collide(const mjModel* m, mjData* d, int first, blow* all, int count
   double* work = stack(d, hcb_impacts_work(n, t.parts, m->nv));
   double within = m->opt.integrator == mjINT_RK4 ? 0 : 0.5; /* of the step, where impacts are (hcb_under_gravity) */
   for (size_t i = 0; i < rows; i++) u[i] += within * gains[i];
-  if (impulse) hcb_impacts(&s, u, p, work);
-  int* rests = ints(d, n);
+  int ended = !impulse || hcb_impacts(&s, u, p, work) < hcb_most_rounds(n), *rests = ints(d, n);
   for (int i = 0; i < (int)rows; i++) {
     u[i] -= within * gains[i];
     gains[i] += u[i];
@@ -261,6 +263,7 @@ static void collide(const mjModel* m, mjData* d, int first, blow* all, int count
     set_slip(of[i], u[3 * i + 1], u[3 * i + 2], rests[i] ? fmin(slip[i], slides) : slides);
   }
   mj_freeStack(d);
+  return ended;
 }
 
 /* Flags under which energy was measured, by MuJoCo's names: their bits differ between versions. */
@@ -495,20 +498,33 @@ static void warn_of_one_sunk(const mjModel* m, const mjData* d, const blow* b, i
     mju_warning("plugin %s: body %s starts %.3g mm inside body %s. It is lifted where it rests, slowly, and stays so elsewhere; "
                 "MuJoCo's own contact would throw it out: start it outside", RESTITUTION_NAME, name[0], 1e3 * b->x, name[1]);
   } else {
-    char advice[2 * NAME] = "give this pair MuJoCo's own contact, as what is pressed against a wall sinks at any step";
-    if (!is_steep(m, b)) snprintf(advice, sizeof(advice), "set a finer timestep than %g s, or let nothing crush it", m->opt.timestep);
-    mju_warning("plugin %s: body %s stands %.2g mm deep in body %s at %g s, more than %g mm deeper than on MuJoCo's own contact: %s",
-                RESTITUTION_NAME, name[0], 1e3 * b->x, name[1], d->time, 1e3 * HCB_DEEPER, advice);
+    mju_warning("plugin %s: body %s is %.2g mm deep in body %s at %g s, more than %g mm deeper than its speed and its weight would take "
+                "it on MuJoCo's own contact: set a finer timestep than %g s, let nothing crush it, or give this pair MuJoCo's own "
+                "contact", RESTITUTION_NAME, name[0], 1e3 * b->x, name[1], d->time, 1e3 * HCB_DEEPER, m->opt.timestep);
   }
 }
 
-/* Names once a body that stands deeper than MuJoCo's own contact would let it: after an approach u about a third of u in its time
-   constant, at rest about g times the square of a third of that. A state that does not follow the last one may be as deep as it is:
-   what is as deep a step later has started inside. */
+/* Names each pair that sank, or started inside, once; of many the first few. */
+static void warn_of_sunk_pair(const mjModel* m, const mjData* d, instance* memory, const blow* b, int starts) {
+  instance* own = instance_of(d, b->instance);
+  int kind = starts ? WARNED_INSIDE : WARNED_SUNK, *named = memory->sunk_pairs + starts;
+  if (own->warned & kind || *named > HCB_NAMED) return;
+  own->warned |= kind;
+  if (++*named <= HCB_NAMED) {
+    warn_of_one_sunk(m, d, b, starts);
+  } else {
+    mju_warning("plugin %s: more than %d pairs %s: the others are not named", RESTITUTION_NAME, HCB_NAMED,
+                starts ? "start inside each other" : "are deeper than on MuJoCo's own contact");
+  }
+}
+
+/* Names pairs that are deeper than MuJoCo's own contact would let them: after an approach u about a third of u in its time constant,
+   at rest about g times the square of a third of that. A state that does not follow the last one may be as deep as it is: what is as
+   deep a step later has started inside. */
 static void warn_of_sunk(const mjModel* m, const mjData* d, const blow* all, int count, instance* memory) {
   double h = m->opt.timestep;
   int follows = memory->seen == d->time || is_next(m, d, memory);
-  const blow* deepest[2] = {NULL, NULL}; /* that sank, and that started inside */
+  const blow* deepest[2] = {NULL, NULL}; /* of a pair: that sank, and that started inside */
   for (int i = 0; i < count; i++) {
     const blow* b = all + i;
     if (b->tendon >= 0) continue;
@@ -516,16 +532,27 @@ static void warn_of_sunk(const mjModel* m, const mjData* d, const blow* all, int
     double third = third_of_constant(m, b);
     own->lets = larger(own->lets, follows ? -b->rate[0] * third : fabs(b->rate[0]) * fmax(third, h));
     own->starts_in = larger(own->starts_in, follows ? 0 : b->x);
-    if (!follows || !(b->x > larger(own->lets, own_depth(m, third)) + HCB_DEEPER)) continue;
-    const blow** one = deepest + (b->x <= own->starts_in + HCB_DEEPER);
-    if (!*one || b->x > (*one)->x) *one = b;
+    if (follows && b->x > larger(own->lets, own_depth(m, third)) + HCB_DEEPER) {
+      const blow** one = deepest + (b->x <= own->starts_in + HCB_DEEPER);
+      if (!*one || b->x > (*one)->x) *one = b;
+    }
+    if (i + 1 < count && all[i + 1].instance == b->instance) continue;
+    for (int starts = 0; starts < 2; starts++) {
+      if (deepest[starts]) warn_of_sunk_pair(m, d, memory, deepest[starts], starts);
+      deepest[starts] = NULL;
+    }
   }
-  for (int starts = 0; starts < 2; starts++) {
-    int kind = starts ? WARNED_INSIDE : WARNED_SUNK;
-    if (!deepest[starts] || memory->warned & kind) continue;
-    memory->warned |= kind;
-    warn_of_one_sunk(m, d, deepest[starts], starts);
-  }
+}
+
+/* Names once a mocap body that presses others against what cannot move, as it goes on whatever it meets. */
+static void warn_of_jam(const mjModel* m, const mjData* d, instance* memory, const blow* b) {
+  int side = mocap_of(m, b->body[0]) < 0;
+  char name[2][NAME];
+  if (memory->warned & WARNED_JAM) return;
+  memory->warned |= WARNED_JAM;
+  for (int k = 0; k < 2; k++) describe(m, mjOBJ_BODY, b->body[k ? !side : side], name[k]);
+  mju_warning("plugin %s: mocap body %s jams body %s at %g s, so that impacts come to no end: contact is MuJoCo's own in such steps. "
+              "Stop it earlier, or weld a free body to it, which pushes in its place", RESTITUTION_NAME, name[0], name[1], d->time);
 }
 
 /* Whether all of a vector is finite, and no larger than what MuJoCo takes. */
@@ -536,20 +563,34 @@ static int is_sound(const double* x, int n) {
   return 1;
 }
 
+/* The first contact of a mocap body that moves; NULL: none. */
+static const blow* moved_contact(const mjModel* m, const instance* memory, const blow* all, int count) {
+  for (int i = 0; i < count; i++) {
+    for (int side = 0; side < 2 && all[i].touches && all[i].tendon < 0; side++) {
+      const mocap* own = moving_of(m, memory, all[i].body[side]);
+      if (own && mju_norm(own->speed, 6) > 0) return all + i;
+    }
+  }
+  return NULL;
+}
+
 /* Impulses of contacts that touch, without trees that they would let turn too fast, and in `change` what they change the velocities
-   by; how many contacts are left. */
+   by; how many contacts are left: 0 where a mocap body jams others, so that impacts come to no end. */
 static int collide_tame(const mjModel* m, mjData* d, int first, blow* all, int count, double* impulse, double* change) {
   instance* memory = instance_of(d, first);
   double* falls = stack(d, m->nv);
-  int any = force_in_flight(m, d, falls);
-  for (int wild = 1; wild;) {
+  int any = force_in_flight(m, d, falls), ended = 1;
+  for (int wild = 1; wild && ended;) {
     mju_zero(impulse, m->nv);
-    collide(m, d, first, all, count, impulse, any ? falls : NULL);
+    ended = collide(m, d, first, all, count, impulse, any ? falls : NULL) || !moved_contact(m, memory, all, count);
     mj_solveM(m, d, change, impulse, 1);
-    wild = !memory->is_again && find_wild(m, d, memory, change);
-    count = leave_out_wild(m, memory, all, count);
+    wild = ended && !memory->is_again && find_wild(m, d, memory, change);
+    if (ended) count = leave_out_wild(m, memory, all, count);
   }
-  return count;
+  if (ended) return count;
+  warn_of_jam(m, d, memory, moved_contact(m, memory, all, count));
+  for (int tree = 0; tree < m->ntree; tree++) memory->wild[tree] = 1; /* in the stages of RK4, too */
+  return 0;
 }
 
 /* Adds to the passive forces what lets contacts collide, over the step. Where that is without bound nothing is added, and it
@@ -560,7 +601,7 @@ static int add_impulses(const mjModel* m, mjData* d, int first, int stage, blow*
   double *impulse = stage ? memory->impulse : stack(d, nv), *without = stack(d, nv), *change = stack(d, nv);
   mju_copy(without, d->qfrc_passive, nv);
   count = collide_tame(m, d, first, all, count, impulse, change);
-  int sound = is_sound(impulse, nv);
+  int sound = count > 0 && is_sound(impulse, nv);
   if (sound) {
     mju_addToScl(d->qfrc_passive, impulse, 1 / m->opt.timestep, nv);
     shift_bias(m, d, impulse, change, d->qfrc_passive);
@@ -569,11 +610,11 @@ static int add_impulses(const mjModel* m, mjData* d, int first, int stage, blow*
   if (!sound || !is_sound(d->qfrc_passive, nv)) {
     mju_zero(impulse, nv);
     mju_copy(d->qfrc_passive, without, nv);
-    if (!(memory->warned & WARNED_UNSOUND)) {
+    if (count > 0 && !(memory->warned & WARNED_UNSOUND)) {
       mju_warning("plugin %s: impacts at %g s came out without bound, so contact is MuJoCo's own in such steps: masses or speeds are "
                   "too far apart", RESTITUTION_NAME, d->time);
+      memory->warned |= WARNED_UNSOUND;
     }
-    memory->warned |= WARNED_UNSOUND;
     return 0;
   }
   if (stage) start_again(m, d, memory, change); /* RK4 has the velocities after the impulse in all its rows then */
@@ -632,11 +673,12 @@ static void add_impacts(const mjModel* m, mjData* d, int first) {
       shift_bias(m, d, memory->impulse, change, d->qfrc_passive);
     }
   }
-  int loaded = is_loaded(m, d);
+  int loaded = is_loaded(m, d), wedged = 0;
+  for (int i = 0; i < count; i++) wedged |= all[i].steep && all[i].touches;
   for (int i = 0; i < count; i++) {
-    all[i].held = loaded && all[i].touches && !all[i].rests;
+    all[i].held = (loaded || all[i].steep) && all[i].touches && !all[i].rests;
     int is_new = stage < 2 || !planned(memory, all[i].instance, all[i].id, all[i].order);
-    if (!is_new || !is_lifted(m, memory, all + i)) set_rows(m, d, memory, all + i, stage, loaded);
+    if (!is_new || !is_lifted(m, memory, all + i)) set_rows(m, d, memory, all + i, stage, loaded, wedged);
   }
   start_from_last(m, d, memory, all, count);
   mj_freeStack(d);

@@ -6,6 +6,7 @@
      - PGS lets a contact with an elliptic cone go: its normal row, which it solves first and alone, needs no force as long as
        less approach is left than rest.c has taken back, and without that there is no friction;
      - joints are damped much: the solver's forces are for M, and the step then moves bodies by (M - h D)^-1 of them;
+     - bodies are wedged between surfaces that rub: forces that undo each other bear any load, so that Newton stops where it is;
      - the solver stops early.
    These impacts are between bodies as they are, without equalities: one that is broken pulls a body down faster than what all
    of it would do together. */
@@ -34,7 +35,8 @@ static double rate_along(const mjModel* m, const mjData* d, const instance* memo
 
 static double strays_from(const mjModel* m, const mjContact* c) {
   int body[2] = {m->geom_bodyid[c->geom[0]], m->geom_bodyid[c->geom[1]]};
-  return HCB_STRAYS * HCB_STILL * fall(m, body, c->frame) + 1e-9;
+  double least = HCB_STEEP * mju_norm3(m->opt.gravity) * m->opt.timestep;
+  return HCB_STRAYS * HCB_STILL * fmax(fall(m, body, c->frame), least) + 1e-9;
 }
 
 /* The solver's forces of a contact over the step, N; none of RK4, which has four. */
@@ -94,13 +96,17 @@ static double share_that_takes(const mjModel* m, mjData* d, const double* change
 }
 
 /* What lets contacts that are to stand do so, into `change` of the velocities, and the share of it that adds no kinetic energy:
-   impacts of e = 0 from the rates u, shape (n, 3); `anew`: from those without the solver's forces of these contacts. */
-static double change_to_stand(const mjModel* m, mjData* d, const instance* memory, const tree_parts* t, const hcb_system* s,
-                              const double* u, int anew, double* change) {
+   impacts of e = 0 from the rates u, shape (n, 3); `anew`: from those without what the solver made of these contacts, its forces and
+   what its accelerations give beyond them, as Newton's are of rows as stiff as these. */
+static double change_to_stand(const mjModel* m, mjData* d, int first, const tree_parts* t, const hcb_system* s, const double* u,
+                              int anew, double* change) {
+  const instance* memory = instance_of(d, first);
   int n = s->n;
   mj_markStack(d);
   double *rates = stack(d, 3 * n), *p = stack(d, 3 * n), *work = stack(d, hcb_impacts_work(n, t->parts, m->nv));
   mju_zero(change, m->nv);
+  if (anew && moves_by_accelerations(m, d, first)) beyond_forces(m, d, t, change);
+  mju_scl(change, change, -m->opt.timestep, m->nv);
   for (int i = 0; i < n && anew; i++) {
     double force[6];
     solver_force(m, d, memory->stands[i].contact, force);
@@ -134,8 +140,8 @@ static void hold_still(const mjModel* m, mjData* d, int first, int anew) {
     laws[i] = (hcb_contact){HCB_CONSTANT, 0, c->dim > 1 ? c->friction[0] : 0, strays_from(m, c), 0, 0};
   }
   hcb_system s = {n, t.parts, t.at, rows, laws};
-  double share = change_to_stand(m, d, memory, &t, &s, u, anew, change);
-  if (anew && share < 1) share = change_to_stand(m, d, memory, &t, &s, u, 0, change); /* the solver's forces drive others, too */
+  double share = change_to_stand(m, d, first, &t, &s, u, anew, change);
+  if (anew && share < 1) share = change_to_stand(m, d, first, &t, &s, u, 0, change); /* the solver's forces drive others, too */
   if (share > 0) {
     mju_scl(change, change, share, nv);
     mju_addTo(d->qvel, change, nv);
