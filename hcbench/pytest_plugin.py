@@ -287,11 +287,13 @@ def _require_known(slot: str, options: Mapping[str, Any]) -> None:
 
 
 def _name(model: Any) -> str:
-    """Names of a model's files, joined by " + "; of an object its type."""
+    """Names of a model's files, joined by " + "; of an object its type, and "MJCF" of its text."""
     parts = model if isinstance(model, list | tuple) else [model]
     names = []
     for part in parts:
-        if isinstance(part, str | Path):
+        if isinstance(part, str) and part.lstrip().startswith("<"):
+            names.append("MJCF")
+        elif isinstance(part, str | Path):
             names.append(Path(part).name)
         else:
             names.append(type(part).__name__)

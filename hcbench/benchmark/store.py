@@ -471,7 +471,7 @@ class Store:
         with self._output_errors("a folder that can be read"):
             tables = self._read_shard(number, name)
         if tables is None:
-            got = f"{self.where}: {name} is cut short or edited"
+            got = f"{self.where}: {name}, or its loops, is cut short or edited"
             raise UserError("folder", got, "what a sweep wrote", "Mend it by --resume")
         return tables
 

@@ -257,8 +257,8 @@ def _newly_failed(check: Check, measurement: Measurement) -> list[Impact]:
 
 
 def _changes(check: Check, measurement: Measurement) -> str:
-    """Words on what has changed since the baseline, apart from the bounce, in brackets; "" for
-    nothing.
+    """Words on how the engine's version and the time step differ from the baseline's, in brackets,
+    to be appended; "" where they are the same.
     """
     baseline = check.baseline
     if baseline is None:
@@ -267,10 +267,10 @@ def _changes(check: Check, measurement: Measurement) -> str:
     changes = []
     if baseline.version != facts.version:
         changes.append(f"{facts.engine} was {baseline.version}, is {facts.version}")
-    if baseline.timestep_s != facts.timestep:
-        changes.append(
-            f"the step was {time_step(baseline.timestep_s)} s, is {time_step(facts.timestep)} s"
-        )
+    before, now = time_step(baseline.timestep_s), time_step(facts.timestep)
+    # One that a float32 has rounded is the same.
+    if before != now:
+        changes.append(f"the step was {before} s, is {now} s")
     if not changes:
         return ""
     return f" ({'; '.join(changes)})"

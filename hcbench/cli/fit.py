@@ -45,19 +45,29 @@ class _FilesAfterAgainst(Command):
         args: words after "fit". Returns those that are left.
         """
         ctx.meta[_TYPED] = ("fit", *args)
-        spread = []
+        spread: list[str] = []
+        # Whether the words are files of --against, and whether the last --against has none yet.
         is_after_against = False
-        for word in args:
+        lacks_file = False
+        for word in [*args, "--"]:
             # A "-" alone is a file: standard input.
             is_option = re.match("-.", word) is not None
+            if is_option and lacks_file:
+                # Click says what it lacks.
+                spread.append("--against")
+                lacks_file = False
             if word == "--against":
                 is_after_against = True
+                lacks_file = True
                 continue
             if is_option:
                 is_after_against = False
             if is_after_against:
                 spread.append("--against")
+                lacks_file = False
             spread.append(word)
+        # The mark of the end.
+        spread.pop()
         return super().parse_args(ctx, spread)
 
 

@@ -95,7 +95,9 @@ def _report_own(
     """
     from hcbench.workers import WorkerPool
 
-    if model is None and (size is None or mass is None):
+    if model is not None:
+        require_none({"size": size, "mass": mass, "inertia": inertia}, "poses without --model")
+    elif size is None or mass is None:
         missing = "--size" if size is None else "--mass"
         raise UserError(missing, "not given", "the box's, or --model")
     with WorkerPool(jobs) as pool:
@@ -134,8 +136,10 @@ def report_reality(
     poses: print and write what they tell, and return the folder.
 
     out: folder; None for the default. jobs: worker processes. sets: names of data sets, with
-    commas. part: to judge. size, mass, inertia, model: of the box in the poses, as typed. Raises
-    UserError for options that do not go together, and what the study raises.
+    commas. data: folder of one set. part: number of the part, of five, to judge. poses: files of a
+    user's own box. size, inertia: of that box, as typed. mass: its, kg. model: a file with it in
+    place of these. identify: search parameters on the data, too. Raises UserError for options that
+    do not go together, and what the study raises.
     """
     from hcbench.workers import WorkerPool
 

@@ -355,7 +355,8 @@ def _is_as_chosen(facts: Facts, impacts: Sequence[Impact], wanted: RestitutionCu
     promise = facts.promise
     if promise is None or facts.changed:
         return False
-    return promise.is_kept(impacts) and wanted in (None, promise.curve)
+    has_e = any(impact.is_measured for impact in impacts)
+    return has_e and promise.is_kept(impacts) and wanted in (None, promise.curve)
 
 
 def _require_touch(impacts: Sequence[Impact], facts: Facts) -> None:

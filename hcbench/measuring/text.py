@@ -232,7 +232,8 @@ def _parting_note(measurement: Measurement) -> list[str]:
 
 def _shares_note(measurement: Measurement) -> list[str]:
     """A list of one sentence on what else pushed or pulled while the two touched, in per cent of
-    the contact's impulse; empty where all other causes together did less than NOTABLE_SHARE.
+    the contact's impulse; empty where all other causes but gravity did less than NOTABLE_SHARE of
+    the speed at touch, and where none did so much of what the contact did.
 
     `facts.shares` has the approach speed that each cause took, over the speed at touch; below 0
     for one that worked against the contact. The sentence compares with the contact, since a body
@@ -245,6 +246,9 @@ def _shares_note(measurement: Measurement) -> list[str]:
     others = {name: share for name, share in facts.shares.items() if name != CONTACT}
     if contact <= 0.0:
         strong = [name for name, share in others.items() if abs(share) >= NOTABLE_SHARE]
+        if not strong:
+            # Each is small, and together they are not.
+            strong = [name for name, share in others.items() if share]
         return [f"While the two touch, more than their contact acts: {', '.join(strong)}."]
     against = []
     along = []

@@ -33,7 +33,7 @@ class WarpImpacts:
         # By the name of the device.
         self._on_device: dict[str, tuple[Any, Any]] = {}
         # By an array of the worlds that they are for, with which they go.
-        self._rooms: WeakKeyDictionary[Any, tuple[Any, Any, Any]] = WeakKeyDictionary()
+        self._rooms: WeakKeyDictionary[Any, tuple[Any, tuple[Any, Any, Any]]] = WeakKeyDictionary()
 
     def step(self, engine_step: Callable[[], Any], m: Any, d: Any, values: Any = None) -> None:
         """Let the engine step, with the impacts between its search for contacts and its rows.
@@ -127,20 +127,22 @@ class WarpImpacts:
     def _room(self, m: Any, d: Any) -> tuple[Any, Any, Any]:
         """(contacts, room for the numbers of a step, rows of the inertia matrix) of these worlds.
 
-        Raises UserError for another model than the laws', SettingError for worlds that sleep, in
-        which contacts are found in two parts.
+        The room also keeps the forces of these worlds' last step, and is kept until another
+        model steps them. Raises UserError for a model with another number of geoms than that of the
+        laws, SettingError for worlds that sleep, in which contacts are found in two parts.
         """
-        if d.qpos in self._rooms:
-            return self._rooms[d.qpos]
-        import warp
-
-        from hcbench.sim import warp_kernels
-
         geoms = len(self._laws.pair_of)
         if m.ngeom != geoms:
             raise UserError("m", f"a model of {m.ngeom} geoms", f"that of the pairs, of {geoms}")
         if int(m.opt.enableflags) & _SLEEP:
             raise SettingError("enableflags", "sleep", "a model without")
+        of_model, kept = self._rooms.get(d.qpos, (None, None))
+        if kept is not None and of_model is m:
+            return kept
+        import warp
+
+        from hcbench.sim import warp_kernels
+
         found = warp_kernels.Found()
         contact = d.contact
         found.count, found.world, found.geom, found.mark = (
@@ -172,5 +174,5 @@ class WarpImpacts:
         made = found, room, inertia
         # What a capture allocates is its graph's alone.
         if not d.qpos.device.is_capturing:
-            self._rooms[d.qpos] = made
+            self._rooms[d.qpos] = m, made
         return made

@@ -641,7 +641,8 @@ def _notes(
 ) -> Iterator[str]:
     """Sentences on what the certificate does not compare.
 
-    before: the model as it is, at rest. models: one a pair.
+    before: the model as it is, at rest. certificate: its worlds were launched with the pairs in
+    turn, and its friction is NaN where the pair's joints let it not slide. models: one a pair.
     """
     if before.falls:
         yield (
@@ -652,7 +653,8 @@ def _notes(
         return
     of_pair = np.arange(len(certificate.worlds)) % len(models)
     for number, model in enumerate(models):
-        if np.isnan(certificate.friction[of_pair == number]).all():
+        friction = certificate.friction[of_pair == number]
+        if friction.size and np.isnan(friction).all():
             first, second = model.facts().pair
             yield (
                 f"The joints of {first} keep it from sliding on {second}: its μ is set as drawn, "

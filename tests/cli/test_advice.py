@@ -58,7 +58,8 @@ def test_the_next_line_of_measure_is_of_the_same_launches(
 def printed_next(out: str) -> tuple[str, str]:
     """(title, command) at the end of an output."""
     title, _, line = out.rpartition("\nnext")[2].partition(":\n")
-    return f"next{title}:", " ".join(line.replace("\\\n", " ").split())
+    # A long path begins a line of its own.
+    return " ".join(f"next{title}:".split()), " ".join(line.replace("\\\n", " ").split())
 
 
 def test_the_next_line_of_tune_says_where_the_lines_go_and_keeps_the_pose(

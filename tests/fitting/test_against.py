@@ -39,6 +39,13 @@ def test_two_materials_are_compared(tmp_path: Path, other: float, verdict: str) 
     assert verdict in repr(found)
 
 
+@pytest.mark.parametrize("words", [["--against"], ["--against", "--json"]])
+def test_against_without_a_file_is_an_error(tmp_path: Path, words: list[str]) -> None:
+    """The option was dropped, and nothing was compared."""
+    (ours,) = drops(tmp_path, "a", 0.2, range(1))
+    assert run(["fit", ours, *words]) == 2
+
+
 def test_the_command_prints_the_verdict_and_has_pythons_numbers_in_json(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

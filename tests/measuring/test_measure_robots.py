@@ -230,7 +230,8 @@ def test_a_pose_comes_from_names_a_file_or_a_live_state(tmp_path: Path) -> None:
     ]
     first = found[0].impacts[0].restitution
     assert [m.impacts[0].restitution for m in found] == pytest.approx([first] * 5, abs=1e-9)
-    assert found[3].facts.settings["start"] == "as it stands"
+    start = "as it stands, at rest (its velocities are left out)"
+    assert found[3].facts.settings["start"] == start
     assert (data.qvel == 7.0).all()
 
 

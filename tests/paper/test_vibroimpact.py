@@ -312,6 +312,19 @@ def test_the_linearized_mass_has_the_slopes_of_16(exponent: float) -> None:
     assert linear.mass == MASS
 
 
+def test_between_unequal_blocks_the_mass_rests_nearer_to_the_softer_one() -> None:
+    """Slopes in the middle made it three times too stiff."""
+    stiff, soft = HuntCrossley(1e8, 0.1, 1.5), HuntCrossley(1e6, 0.1, 1.5)
+    squeeze = 5e-5
+    linear = linearized(VibroImpact(MASS, -2 * squeeze, stiff, soft))
+    # k1 x1^1.5 = k2 x2^1.5, and x1 + x2 is the whole squeeze.
+    ratio = 100.0 ** (2.0 / 3.0)
+    deep = 2 * squeeze * ratio / (1.0 + ratio)
+    shallow = 2 * squeeze - deep
+    asked = 1.5 * 1e8 * math.sqrt(shallow) + 1.5 * 1e6 * math.sqrt(deep)
+    assert linear.stiffness == pytest.approx(asked, rel=1e-9)
+
+
 def test_a_small_forced_swing_is_the_linear_one() -> None:
     squeeze, f = 2e-5, 900.0
     system, linear = _alike(-2 * squeeze), linearized(_alike(-2 * squeeze))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from hcbench.sim.model_under_test import LISTS_PAIRS
+from hcbench.sim.model_under_test import LISTS_PAIRS, choice_error
 from hcbench.sim.packages import Packages, find_part, folders_of, suggest_names
 from hcbench.sim.touch import LEAST_APPROACH, require_apart
 from hcbench.system.errors import PairUnnamed, SceneError, UserError
@@ -420,13 +420,17 @@ def bring_to_touch(loaded: LoadedPlant, context: Any, request: Request) -> Place
 def _only_pair(loaded: LoadedPlant) -> tuple[str, str]:
     """Names of the only two shapes that can meet, as "geom:NAME", one that moves first.
 
-    Raises UserError where there is a choice, or nothing.
+    Raises UserError where none can, and PairUnnamed where there is a choice.
     """
+    if not loaded.collide:
+        raise choice_error([])
     if len(loaded.collide) != 1:
         got = f"none given, and the model leaves a choice of {len(loaded.collide)}"
         raise PairUnnamed("pair", got, "the names of two bodies or geoms", LISTS_PAIRS)
     (both,) = loaded.collide
-    first, second = sorted(both, key=lambda g: loaded.plant.IsAnchored(loaded.body_of(g)))
+    first, second = sorted(
+        both, key=lambda g: (loaded.plant.IsAnchored(loaded.body_of(g)), loaded.short(g))
+    )
     return f"geom:{loaded.short(first)}", f"geom:{loaded.short(second)}"
 
 

@@ -515,13 +515,16 @@ class MujocoEngine(
 
 
 def _one_file(source: Any) -> Any:
-    """The one source of a list, or the MjData of (MjModel, MjData). Raises
-    UserError for several files.
+    """The one source of a list, or the MjData of (MjModel, MjData). Raises UserError for several
+    files, and for none.
     """
     if not isinstance(source, list | tuple):
         return source
-    if len(source) == 2 and type(source[1]).__name__ == "MjData":
+    kinds = [type(one).__name__ for one in source]
+    if kinds == ["MjModel", "MjData"]:
         return source[1]
+    if not source:
+        raise UserError("model", "no file", "one file for MuJoCo")
     if len(source) != 1:
         raise UserError(
             "model", f"{len(source)} files", "one file for MuJoCo", "Put both into one MJCF"

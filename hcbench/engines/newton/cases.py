@@ -94,11 +94,7 @@ class NewtonBodies:
         # The damping, N s/m, that stops the lightest body within a step.
         stopping = min(body["mass"] for body in moving) / (self.h * points)
         stiffness, damping = self.gains[self.name]
-        return {
-            "ke": stiffness * stopping / self.h,
-            "kd": damping * stopping,
-            "kf": 0.5 * stopping,
-        }
+        return {"ke": stiffness * stopping / self.h, "kd": damping * stopping, "kf": stopping / 2}
 
     def _shape(self, i: int, at: Any, body: dict[str, Any], cfg: Any) -> None:
         """Add the shape of a body to the world that has begun.

@@ -11,6 +11,7 @@ from functools import partial
 from typing import Literal, get_args
 
 import numpy as np
+from scipy.optimize import brentq
 
 from hcbench.laws import closed_form
 from hcbench.laws.force import HuntCrossley
@@ -222,15 +223,22 @@ class Linear:
 
 
 def linearized(system: VibroImpact) -> Linear:
-    """The squeezed mass for small swings: the slopes of both laws at rest, summed.
+    """The squeezed mass for small swings: the slopes of both laws where it rests, summed.
 
-    For eq. (16) with x0 = |g|/2: k = 2 n k x0^(n-1), c = 2 λ x0^n. It is the Kelvin-Voigt model
-    that the appendix arrives at. Raises UserError for g >= 0, where no slope describes the contact.
+    Between equal blocks it rests in the middle. For eq. (16) with x0 = |g|/2 the sums are
+    2 n k x0^(n-1), k that of the law, and 2 λ x0^n. It is the Kelvin-Voigt model that the appendix
+    arrives at. Raises UserError for g >= 0, where no slope describes the contact.
     """
     expected = "a gap below 0 m: with clearance there is no spring in the middle to linearise"
     require("gap", system.gap, system.gap < 0.0, expected, "See `kelvin_voigt_blocks`")
-    right_stiffness, right_damping = tangent(system.right, system.squeeze)
-    left_stiffness, left_damping = tangent(system.left, system.squeeze)
+    rest = 0.0
+    if system.resultant(rest, 0.0):
+        # Nearer to the softer block.
+        rest = brentq(
+            lambda q: float(system.resultant(q, 0.0)), -system.squeeze, system.squeeze, xtol=1e-15
+        )
+    right_stiffness, right_damping = tangent(system.right, system.squeeze + rest)
+    left_stiffness, left_damping = tangent(system.left, system.squeeze - rest)
     return Linear(right_stiffness + left_stiffness, right_damping + left_damping, system.mass)
 
 

@@ -79,7 +79,9 @@ class VibroImpact:
 
     @property
     def squeeze(self) -> float:
-        """Penetration on both sides at rest in the middle, m; 0 with clearance."""
+        """Penetration on both sides in the middle, where equal blocks hold the mass at rest, m; 0
+        with clearance.
+        """
         return max(0.0, -self.gap / 2.0)
 
     def resultant(self, position: Floats | float, velocity: Floats | float) -> Floats:

@@ -287,18 +287,19 @@ def _all_feet(search: PairSearch, requests: Sequence[Request]) -> tuple[str, ...
     for both in search.geoms:
         for geom in both:
             named.add(int(model.body_weldid[model.geom_bodyid[geom]]))
-    others: dict[int, tuple[str, str]] = {}
+    # Names of parts and their floor, by body.
+    others: dict[int, list[tuple[str, str]]] = {}
     for geom, floor in sorted(search.standing):
         body = int(model.body_weldid[model.geom_bodyid[geom]])
-        # A name of the geom itself is what users call a foot.
-        is_named = bool(model.geom(geom).name)
-        if body not in named and (is_named or body not in others):
-            others[body] = (_part(model, geom), _part(model, floor))
+        if body not in named:
+            others.setdefault(body, []).append((_part(model, geom), _part(model, floor)))
     if not others:
         return ()
-    pairs = [request.pair for request in requests if request.pair] + list(others.values())
+    # A body without a named geom has its own name several times.
+    left_out = [pair for pairs in others.values() for pair in dict.fromkeys(pairs)]
+    pairs = [request.pair for request in requests if request.pair] + left_out
     options = " ".join(f"--pair {quote(joined_names(pair))}" for pair in pairs)
-    parts = ", ".join(part for part, _ in others.values())
+    parts = ", ".join(part for part, _ in left_out)
     return (f"Other parts stand on the floor, too: {parts}. Name them all: {options}.",)
 
 

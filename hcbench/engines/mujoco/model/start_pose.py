@@ -140,7 +140,8 @@ def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, st
     """Make a new MjData at rest in the start configuration, and the phrase that names it.
 
     It is the request's keyframe; else the state as it stands; else the model's first keyframe, else
-    its zero, qpos0. Then the joints are set that the request names.
+    its zero, qpos0. Then the joints, and the whole fields such as qpos, are set that the request
+    names. Nothing that follows from them, such as places of bodies, is computed.
     state: an MjData of the user's, or None.
 
     Raises UserError for a keyframe or joint that the model does not have and for wrong numbers,
@@ -159,7 +160,11 @@ def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, st
         _set(model, data, joint, values)
     if request.pose:
         name += " with " + ", ".join(joint for joint, _ in request.pose)
-    if data.qvel.any():
+    moves = data.qvel.any()
+    if state is not None and request.key is None:
+        # They are not copied.
+        moves = state.qvel.any()
+    if moves:
         name += ", at rest (its velocities are left out)"
         data.qvel[:] = 0.0
     data.time = 0.0

@@ -303,12 +303,18 @@ static void warn_of_turn(const mjModel* m, instance* memory, int body, double tu
   int kind = wild ? WARNED_WILD : WARNED_FAST;
   if (!(turn > HCB_FAST) || memory->warned & kind) return;
   double h = m->opt.timestep, finer = h * HCB_FAST / turn, digit = pow(10, floor(log10(finer)));
+  double count = floor(finer / digit);
+  /* The logarithm of what is just below a power of ten may be that of the power. */
+  if (count < 1) {
+    digit /= 10;
+    count = 9;
+  }
   const char* name = mj_id2name(m, mjOBJ_BODY, body);
   memory->warned |= kind | WARNED_FAST;
   mju_warning("plugin %s: body %d \"%s\" %s by %.2g rad in a step of %g s, in which MuJoCo's own step may gain energy: set a "
               "timestep of %g", RESTITUTION_NAME, body, name ? name : "",
               wild ? "has MuJoCo's own contact, as after the impact it would turn" : "turns", turn, h,
-              digit * floor(finer / digit));
+              digit * count);
 }
 
 /* Names once a body whose joint turns so far in a step that MuJoCo's own step gains energy; free bodies that nothing holds

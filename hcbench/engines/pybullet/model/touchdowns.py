@@ -114,7 +114,7 @@ class _Recording:
         """
         self.bullet = bullet
         self.moving = list(_moving_bodies(bullet))
-        widths = np.array([one.widths for one in self.moving]).reshape(-1, 2)
+        widths = np.array([one.widths for one in self.moving], dtype=int).reshape(-1, 2)
         nq, nv = widths.sum(axis=0).tolist()
         # Where the numbers of each body begin in qpos and in qvel, (bodies, 2).
         self._starts = np.cumsum(widths, axis=0) - widths
