@@ -307,8 +307,8 @@ def _out_of_reach(
     requests: Sequence[Request],
     short: Sequence[tuple[ContactFamily, Sequence[_Map]]],
 ) -> UserError:
-    """The error for a band of e that no family of contacts has in this model, with the widest that
-    one has.
+    """The error to raise for a band of e that no family of contacts has in this model, with the
+    widest that one has; or for a pair whose launches have no e with any of them.
 
     short: one or more families, with a first look at how far they reach. The widest is measured
     again, since who is refused asks for what the error names.
@@ -318,6 +318,13 @@ def _out_of_reach(
     nodes = _nodes(rough, (0.0, MOST_NOMINAL))
     low, high = _reach(_measured_maps(family, requests, frictions, nodes, _PHASES))
     asked = f"{job.restitution[0]:g}:{job.restitution[1]:g}"
+    if not low + _MARGIN < high - _MARGIN:
+        # Not a number, where no launch had an e.
+        first, second = requests[0].pair or ("the pair", "its floor")
+        got = f"launches of {first} on {second} have no e with any contact that was tried"
+        raise UserError(
+            "pair", got, "launches that bounce", "`hcbench measure` says what stops them"
+        )
     # Two digits that lie in it.
     low = math.ceil(100.0 * (low + _MARGIN)) / 100.0
     high = math.floor(100.0 * (high - _MARGIN)) / 100.0
