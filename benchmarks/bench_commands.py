@@ -91,6 +91,8 @@ FEET = [f"{side}_{end}_foot,floor" for side in ("left", "right") for end in ("fr
 DRAW = ("randomize", QUADRUPED, *(word for foot in FEET for word in ("--pair", foot)))
 TUNE = ("tune", "mujoco", "--alpha", "0.3 s/m", "--timestep", "2 ms")
 FINE = ("tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "10 us")
+# Its settings land worse than the model as it is: the command ends with exit code 1.
+LANDS_WORSE = ("tune", *FOOT, "--alpha", "0.3 s/m")
 LONG_S = 3.0  # a command that may take longer is measured twice in place of four times
 
 
@@ -108,7 +110,7 @@ LONG_S = 3.0  # a command that may take longer is measured twice in place of fou
         (("tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-3"), "", "2 s", "0.7 s"),
         (TUNE, "mujoco at 2 ms, all kinds", "1.5 s", "0.8 s"),
         ((*TUNE, "--plugin"), "--plugin", "0.8 s", "0.4 s"),
-        (("tune", *FOOT, "--alpha", "0.3 s/m"), "of README's quadruped, a foot", "15 s", "2 s"),
+        (LANDS_WORSE, "of README's quadruped, a foot", "15 s", "2 s"),
         (FINE, "mujoco at 10 µs, where a body is followed for 400 000 steps", "9 s", "1 s"),
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
@@ -121,7 +123,7 @@ def test_processor_time_of_a_command(
     long = float(must.removesuffix(" s")) > LONG_S
     beside(
         what,
-        {"hcbench": lambda: processor(HCBENCH, *words)},
+        {"hcbench": lambda: processor(HCBENCH, *words, code=int(words == LANDS_WORSE))},
         rounds=1 if long else 3,
         must=must,
         aim=aim,
