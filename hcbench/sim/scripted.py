@@ -332,14 +332,22 @@ def require_motion_at(coordinate: float, timestep: float, fastest: float, bits: 
         raise SettingError("timestep", got, expected, advice)
 
 
-def force_text(law: HuntCrossley, force: str, geom: str) -> str:
-    """A law's numbers in an engine's own lines.
+def law_text(law: PythonLaw | None, each: str, force: str, pair: Pair) -> str:
+    """A law's numbers in an engine's own lines; "" without a law.
 
-    force: lines of eq. (16) with {k}, {n} and {a}: N/m^n, 1 and s/m, a = (3/2) α; and with {geom},
-    the name of the ball's.
+    each: lines that give each impact its e, with {alpha}, s/m, {reading} of the law, and {first} and
+    {second}, names of the pair's geoms. force: lines of eq. (16) with {k}, {n} and {a}: N/m^n, 1 and
+    s/m, a = (3/2) α; and with {geom}, the first of the names. pair: the names.
     """
+    first, second = pair
+    if law is None:
+        return ""
+    if isinstance(law, Restitution):
+        return each.format(
+            first=first, second=second, alpha=shortest(law.alpha), reading=law.reading
+        )
     k, n, a = map(shortest, (law.stiffness, law.exponent, 1.5 * law.alpha))
-    return force.format(k=k, n=n, a=a, geom=geom)
+    return force.format(k=k, n=n, a=a, geom=first)
 
 
 class BatchWorld(World):

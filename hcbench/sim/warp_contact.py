@@ -116,7 +116,7 @@ class WarpImpacts:
 
             from hcbench.sim import warp_kernels
 
-            laws = warp_kernels.Laws()
+            laws = warp_kernels.LawsThere()
             laws.pair_of = warp.array(self._laws.pair_of, dtype=int, device=device)
             laws.reading = warp.array(self._laws.readings, dtype=int, device=device)
             laws.e = warp.array(E, dtype=float, device=device)

@@ -99,8 +99,8 @@ class Room:
 
 
 @wp.struct
-class Laws:
-    """Laws of pairs: number of the pair of two geoms (-1: none), what each value is, and e over
+class LawsThere:
+    """LawsThere of pairs: number of the pair of two geoms (-1: none), what each value is, and e over
     α v.
     """
 
@@ -119,7 +119,7 @@ class Inertia:
 
 
 @wp.func
-def _law(laws: Laws, geom: wp.vec2i) -> int:
+def _law(laws: LawsThere, geom: wp.vec2i) -> int:
     # Those of flexible bodies are -1.
     if geom[0] < 0 or geom[1] < 0:
         return -1
@@ -129,7 +129,7 @@ def _law(laws: Laws, geom: wp.vec2i) -> int:
 @wp.kernel
 def remember(
     found: Found,
-    laws: Laws,
+    laws: LawsThere,
     is_pyramidal: bool,
     rows: wp.array[int],
     force: wp.array2d[float],
@@ -163,7 +163,7 @@ def remember(
 
 
 @wp.kernel
-def enlist(found: Found, laws: Laws, room: Room) -> None:
+def enlist(found: Found, laws: LawsThere, room: Room) -> None:
     """Put the contacts that touch and have a law into the lists of their worlds."""
     i = wp.tid()
     if i >= found.count[0]:
@@ -269,7 +269,7 @@ def _force_before(found: Found, room: Room, contact: int) -> float:
 
 
 @wp.func
-def _restitution(laws: Laws, reading: int, value: float, speed: float) -> float:
+def _restitution(laws: LawsThere, reading: int, value: float, speed: float) -> float:
     if reading == _CONSTANT:
         return wp.clamp(value, 0.0, 1.0)
     number = value * speed
@@ -285,7 +285,7 @@ def _restitution(laws: Laws, reading: int, value: float, speed: float) -> float:
 
 @wp.func
 def _parting(
-    laws: Laws,
+    laws: LawsThere,
     reading: int,
     value: float,
     approach: float,
@@ -359,7 +359,7 @@ def span(
 @wp.kernel
 def aim(
     found: Found,
-    laws: Laws,
+    laws: LawsThere,
     values: wp.array2d[float],
     inertia: Inertia,
     timesteps: wp.array[float],

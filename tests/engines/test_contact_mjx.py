@@ -13,52 +13,13 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from law_worlds import FEET, GRAVITY, PHASES, PRESSED, QUADRUPED, SHAPES, SPEEDS, WORLD, world
 
 from hcbench.contact.mjx import ConstantRestitution, Restitution, restitution
 from hcbench.system.errors import SettingError, UserError
 from hcbench.terms.impact import Floats
 
 PAGE = Path(__file__).parents[2] / "docs" / "howto" / "plugin-mjx.md"
-QUADRUPED = Path(__file__).parents[2] / "examples" / "quadruped.xml"
-FEET = [f"{side}_{end}_foot" for side in ("left", "right") for end in ("front", "hind")]
-WORLD = """<mujoco><option timestep="{timestep}" {option}/><worldbody>
-<geom name="floor" type="plane" size="5 5 .1"/><body name="ball" pos="0 0 1"><freejoint/>
-<geom name="ball" {shape} density="1000"/></body></worldbody></mujoco>"""
-# Shape, and height of its centre where it touches, m.
-SHAPES = {
-    "sphere": ('size=".05"', 0.05),
-    "box": ('type="box" size=".05 .04 .03"', 0.03),
-    "capsule": ('size=".03 .05" type="capsule"', 0.08),
-}
-GRAVITY = 9.81
-# Of no other test: m/s, and shares of a step before the touch.
-SPEEDS = np.repeat([0.13, 0.41, 1.1, 2.3], 3)
-PHASES = np.tile([0.12, 0.47, 0.83], 4)
-
-PRESSED = {
-    # A foot that carries 2 kg through a joint's limit.
-    "limit": (
-        """<body pos="0 0 .32"><joint type="slide" axis="0 0 1"/>
-<geom type="box" size=".1 .1 .05" mass="2" contype="0" conaffinity="0"/><body pos="0 0 -.25">
-<joint type="slide" axis="0 0 1" limited="true" range="-.05 .0001"/>
-<geom name="foot" size=".05" mass=".3"/></body></body>""",
-        {("foot", "floor"): 0.3},
-    ),
-    # A ball on a box.
-    "stack": (
-        """<body pos="0 0 .05"><joint type="slide" axis="0 0 1"/>
-<geom name="low" type="box" size=".05 .05 .05" mass="1"/></body>
-<body pos="0 0 .2"><joint type="slide" axis="0 0 1"/><geom name="foot" size=".08" mass="1"/></body>""",
-        {("low", "foot"): 0.3, ("low", "floor"): 0.3},
-    ),
-    # A spring that would bounce of itself.
-    "undamped": (
-        """<body pos="0 0 .06"><freejoint/>
-<geom name="foot" size=".05" mass=".3" solref="-20000 0" priority="1"/></body>""",
-        {("foot", "floor"): 0.3},
-    ),
-}
-
 jax_is_there = pytest.mark.needs_engine("mjx")
 
 
@@ -73,12 +34,6 @@ def in_bits(bits: int) -> Iterator[None]:
         yield
     finally:
         jax.config.update("jax_enable_x64", before)
-
-
-def world(shape: str = "sphere", timestep: float = 1e-3, option: str = "") -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_string(
-        WORLD.format(timestep=timestep, option=option, shape=SHAPES[shape][0])
-    )
 
 
 def thrown(model: mujoco.MjModel, qpos: Floats, qvel: Floats) -> Any:
@@ -183,7 +138,8 @@ def test_what_others_press_rests_no_deeper_than_on_mjx_s_own_contact(name: str) 
     """A stranger's worlds: contacts that gravity and motors alone do not load sank without end."""
     from mujoco import mjx
 
-    body, pairs = PRESSED[name]
+    body, names = PRESSED[name]
+    pairs = dict.fromkeys(names, 0.3)
     model = mujoco.MjModel.from_xml_string(
         f"""<mujoco><option timestep=".002"/><worldbody>
 <geom name="floor" type="plane" size="5 5 .1"/>{body}</worldbody></mujoco>"""

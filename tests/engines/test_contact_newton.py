@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from law_worlds import GRAVITY, PHASES, SPEEDS
 
 from hcbench.contact.newton import Restitution, restitution
 from hcbench.system.errors import SettingError, UserError
@@ -18,10 +19,7 @@ from hcbench.terms.impact import Floats
 pytestmark = pytest.mark.needs_engine("newton")
 
 PAGE = Path(__file__).parents[2] / "docs" / "howto" / "plugin-newton.md"
-RADIUS, GRAVITY = 0.05, 9.81
-# Of no other test: m/s, and shares of a step before the touch.
-SPEEDS = np.repeat([0.13, 0.41, 1.1, 2.3], 3)
-PHASES = np.tile([0.12, 0.47, 0.83], 4)
+RADIUS = 0.05
 MODEL = """<mujoco><worldbody><geom name="floor" type="plane" size="5 5 .1"/>
 <body name="ball" pos="0 0 .1"><freejoint/><geom name="ball" size=".05"/></body>
 <body name="box" pos="1 0 .2"><freejoint/><geom name="box" type="box" size=".1 .1 .1"/></body>

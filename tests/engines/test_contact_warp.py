@@ -12,6 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from law_worlds import FEET, GRAVITY, PHASES, PRESSED, QUADRUPED, SHAPES, SPEEDS, WORLD, world
 
 from hcbench.contact.warp import ConstantRestitution, Restitution, restitution
 from hcbench.laws.force import HuntCrossley
@@ -23,47 +24,9 @@ from hcbench.terms.impact import Floats
 pytestmark = pytest.mark.needs_engine("mujoco-warp")
 
 PAGE = Path(__file__).parents[2] / "docs" / "howto" / "plugin-warp.md"
-QUADRUPED = Path(__file__).parents[2] / "examples" / "quadruped.xml"
-FEET = [f"{side}_{end}_foot" for side in ("left", "right") for end in ("front", "hind")]
-WORLD = """<mujoco><option timestep="{timestep}" {option}/><worldbody>
-<geom name="floor" type="plane" size="5 5 .1"/><body name="ball" pos="0 0 1"><freejoint/>
-<geom name="ball" {shape} density="1000"/></body></worldbody></mujoco>"""
-# Shape, and height of its centre where it touches, m.
-SHAPES = {
-    "sphere": ('size=".05"', 0.05),
-    "box": ('type="box" size=".05 .04 .03"', 0.03),
-    "capsule": ('size=".03 .05" type="capsule"', 0.08),
-}
-GRAVITY = 9.81
-# Of no other test: m/s, and shares of a step before the touch.
-SPEEDS = np.repeat([0.13, 0.41, 1.1, 2.3], 3)
-PHASES = np.tile([0.12, 0.47, 0.83], 4)
 FLOOR = (
     '<mujoco><option timestep=".002"/><worldbody><geom name="floor" type="plane" size="5 5 .1"/>'
 )
-PRESSED = {
-    # A foot that carries 2 kg through a joint's limit.
-    "limit": (
-        """<body pos="0 0 .32"><joint type="slide" axis="0 0 1"/>
-<geom type="box" size=".1 .1 .05" mass="2" contype="0" conaffinity="0"/><body pos="0 0 -.25">
-<joint type="slide" axis="0 0 1" limited="true" range="-.05 .0001"/>
-<geom name="foot" size=".05" mass=".3"/></body></body>""",
-        {("foot", "floor"): 0.3},
-    ),
-    # A ball on a box.
-    "stack": (
-        """<body pos="0 0 .05"><joint type="slide" axis="0 0 1"/>
-<geom name="low" type="box" size=".05 .05 .05" mass="1"/></body>
-<body pos="0 0 .2"><joint type="slide" axis="0 0 1"/><geom name="foot" size=".08" mass="1"/></body>""",
-        {("low", "foot"): 0.3, ("low", "floor"): 0.3},
-    ),
-    # A spring that would bounce of itself.
-    "undamped": (
-        """<body pos="0 0 .06"><freejoint/>
-<geom name="foot" size=".05" mass=".3" solref="-20000 0" priority="1"/></body>""",
-        {("foot", "floor"): 3.0},
-    ),
-}
 
 
 class Worlds:
@@ -109,12 +72,6 @@ def on_device(values: Floats) -> Any:
     import warp as wp
 
     return wp.array(values, dtype=float)
-
-
-def world(shape: str = "sphere", timestep: float = 1e-3, option: str = "") -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_string(
-        WORLD.format(timestep=timestep, option=option, shape=SHAPES[shape][0])
-    )
 
 
 def dropped(
@@ -187,7 +144,9 @@ def test_tumbling_boxes_gain_no_energy_and_rest_where_e_is_below_1() -> None:
 
 @pytest.mark.parametrize("name", PRESSED)
 def test_what_others_press_rests_no_deeper_than_on_the_engine_s_own_contact(name: str) -> None:
-    body, pairs = PRESSED[name]
+    body, names = PRESSED[name]
+    alpha = 3.0 if name == "undamped" else 0.3
+    pairs = dict.fromkeys(names, alpha)
     model = mujoco.MjModel.from_xml_string(f"{FLOOR}{body}</worldbody></mujoco>")
     start = model.qpos0[None]
     poses, rates = Worlds(model, start).stepped(restitution(model, pairs), 700)

@@ -22,13 +22,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
-from hcbench.laws.restitution import Restitution
 from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Integrators
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact
 from hcbench.sim.read_impact import Reading, reader
-from hcbench.sim.scripted import batch_in, force_text, free_memory, no_gpu
+from hcbench.sim.scripted import batch_in, free_memory, law_text, no_gpu
 from hcbench.sim.shared_model import (
     HEIGHT,
     RISING,
@@ -39,7 +38,6 @@ from hcbench.sim.shared_model import (
 )
 from hcbench.system.errors import SceneError, SettingError
 from hcbench.system.files import user_folder
-from hcbench.system.text import shortest
 from hcbench.terms.setting import PAIR
 from hcbench.workers import in_worker
 
@@ -102,12 +100,7 @@ class MjxEngine(DescribesContact, SharedModelEngine):
 
         pair: names of the two geoms.
         """
-        first, second = pair
-        if isinstance(law, Restitution):
-            return _EACH.format(
-                first=first, second=second, alpha=shortest(law.alpha), reading=law.reading
-            )
-        return force_text(law, _FORCE, first) if law else ""
+        return law_text(law, _EACH, _FORCE, pair)
 
     def copies(
         self,

@@ -22,17 +22,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
-from hcbench.laws.restitution import Restitution
 from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Integrators
 from hcbench.recipes.target import Target
 from hcbench.sim.backend import Backend
 from hcbench.sim.capabilities import DescribesContact
 from hcbench.sim.read_impact import EACH, WHOLE, Reading, Rule, reader
-from hcbench.sim.scripted import batch_in, force_text, free_memory, no_gpu, run_lines
+from hcbench.sim.scripted import batch_in, free_memory, law_text, no_gpu, run_lines
 from hcbench.sim.shared_model import Copies, SharedModelEngine, changed, shared_recipes
 from hcbench.system.errors import EngineFailed, SceneError
-from hcbench.system.text import shortest
 from hcbench.terms.setting import PAIR
 
 if TYPE_CHECKING:
@@ -105,12 +103,7 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
         """Lines that put a law into `model`, an MjModel, or into `m`, what MuJoCo Warp made of it;
         they define `step`, which takes the place of `mjw.step`.
         """
-        first, second = pair
-        if isinstance(law, Restitution):
-            return _EACH.format(
-                first=first, second=second, alpha=shortest(law.alpha), reading=law.reading
-            )
-        return force_text(law, _FORCE, first) if law else ""
+        return law_text(law, _EACH, _FORCE, pair)
 
     def copies(
         self,
