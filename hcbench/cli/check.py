@@ -351,7 +351,10 @@ def check(
 
 @command()
 @model_source
-@options("heights", "tilt", "controller", "key", "qpos", "state", "timestep", "gravity", "package")
+@options(
+    *("heights", "tilt", "controller", "key", "qpos", "state", "timestep", "gravity", "package"),
+    "move",
+)
 @output_option("--page", help="Also write a one-page report with the force over time (HTML).")
 @force_option
 @as_json

@@ -76,7 +76,7 @@ def tune_model(
     if not tuned.gains:
         raise _nothing_gained(tuned)
     if tuned.max_e > MOST_E:
-        got = f"e up to {tuned.max_e:.4g} with {tuned.name!r}: it gains energy"
+        got = f"e up to {tuned.max_e:.4g} of the model as it is: it gains energy"
         raise LimitPassed("restitution", got, "1 at most", _cure(tuned))
     if not tuned.max_error <= limit:
         got = f"{tuned.max_error:.3g}, of the best setting that was found"
@@ -124,7 +124,8 @@ def _next_line(
     alpha: s/m; given: the other options, by their names.
     """
     pair = tuned.pairs[0]
-    low, high = (f"{speed:.3g}" for speed in pair.band)
+    # Speeds at launch, as --speeds are; gravity makes those at touch higher.
+    low, high = (f"{pair.curve[place].speed:.3g}" for place in (0, -1))
     speeds = low if low == high else f"{low}:{high}:5"
     asked = []
     if given.get("restitution") is not None:
@@ -390,7 +391,7 @@ def _ends(point: CurvePoint) -> str:
 
 # The output names the chance in a rebound that varies over the phases by more of itself.
 _WIDE = 0.25
-_DROPS = "drops of 2, 5 and 10 cm at 4 phases of the step, flat and tilted by 5 degrees"
+_DROPS = "from 2, 5 and 10 cm at 4 phases of the step"
 
 
 def print_landing(tuned: TunedModel, change: LandingChange) -> None:
@@ -414,20 +415,20 @@ def print_landing(tuned: TunedModel, change: LandingChange) -> None:
 
 def landing_table(change: LandingChange) -> list[str]:
     """The landing before and after, a line each: the rebound, then the worst of all drops of each
-    quantity that was measured.
+    quantity that was measured; each line says which of the two it is.
 
     The rebound is the mean over the phases of the flat drops from the largest height, in mm, +- the
     largest difference from it. Where a drop diverged, every value is "diverged".
     """
-    from hcbench.sim.landing import QUANTITIES
+    from hcbench.sim.landing import PHASES, QUANTITIES
 
     was = change.before
     now = change.after
     rebound = _landed(was, f"{1e3 * was.rebound:.3g}")
     with_spread = _landed(now, f"{1e3 * now.rebound:.3g} +- {1e3 * now.spread:.2g}")
     rows = [
-        ("landing of the robot", "before", "after"),
-        ("rebound from 10 cm, mm", rebound, with_spread),
+        (f"landing of the robot, worst of {was.drops} drops", "before", "after"),
+        (f"rebound from 10 cm, mm, mean of {len(PHASES)} flat", rebound, with_spread),
     ]
     for each in QUANTITIES:
         old, new = getattr(was, each.name), getattr(now, each.name)
@@ -449,15 +450,16 @@ def landing_sentences(change: LandingChange) -> list[str]:
     """Sentences on a landing before and after: which drops it was, what is worse, and what would
     help; lengths in mm.
     """
-    from hcbench.sim.landing import DROPS
-
     before = change.before
-    sentences = [f"The worst of {len(DROPS)} drops: {_DROPS}."]
+    tilted = "flat and tilted by 5 degrees"
+    if before.flat == before.drops:
+        tilted = "flat alone, as the base cannot turn"
+    sentences = [f"The drops are {_DROPS}, {tilted}."]
     if before.falls:
         sentences = [
             "The robot falls over or rolls down by itself: hcbench compares the first second only."
         ]
-    elif 0 < before.settled < len(DROPS):
+    elif 0 < before.settled < before.drops:
         sentences.append(
             f"Rest, penetration at rest, travel, creep, vibration and late flights are those of "
             f"{before.settled} of them, which last {before.seconds:.0f} s."

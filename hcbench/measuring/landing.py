@@ -88,6 +88,7 @@ def land(
     timestep: Quantity | None = None,
     gravity: Quantities | None = None,
     package: Folders | None = None,
+    move: str | None = None,
 ) -> Landings:
     """Drop the robot of a model on its floor, from each height at
     each tilt, as `hcbench land` does.
@@ -95,7 +96,9 @@ def land(
     Parameters
     ----------
     model : path, text or object
-        As `measure` takes it; a robot whose base has a free joint, over a floor.
+        As `measure` takes it; a robot that can fall, over a floor. Its base has a free joint, or a
+        slide of 45 degrees or steeper. It is the heaviest that actuators drive, else the heaviest
+        that has joints of its own.
     heights : float, text, quantity of Pint's, or several
         Of its lowest point over the floor, m or with a unit.
     tilt : float, text, quantity of Pint's, or several
@@ -106,6 +109,8 @@ def land(
         of (model, data) that returns the controls or sets them itself.
     engine, limit, key, qpos, state, timestep, gravity, package : optional
         The pose and the conditions, as `measure` takes them.
+    move : text, optional
+        "body:NAME" or "joint:NAME", of the tree of bodies to drop in place of the robot.
 
     Returns
     -------
@@ -125,6 +130,7 @@ def land(
         "timestep": timestep,
         "gravity": gravity,
         "package": package,
+        "move": move,
     }
     request = make_request(None, **start)
     job = Job(model, engine, request, None, TOLERANCE, diagnose=False)

@@ -38,15 +38,17 @@ _FARTHEST = 50.0
 class DropBench(ABC):
     """A robot over its floor, in its pose, that an engine drops as often as it is asked.
 
-    timestep: s. gravity: m/s².
+    timestep: s. gravity: m/s². drops: that judge its landing: DROPS, without the tilted ones for a
+    robot that cannot turn.
     """
 
     robot: Robot
     timestep: float
     gravity: float
+    drops: Sequence[RobotDrop] = DROPS
 
     @abstractmethod
-    def test(self, seconds: float, drops: Sequence[RobotDrop] = DROPS) -> DropTest:
+    def test(self, seconds: float, drops: Sequence[RobotDrop]) -> DropTest:
         """Drop the robot with the contacts that it has now. seconds: of each drop."""
 
     def whole_test(self, like: DropTest | None, until_worse: bool = False) -> DropTest:
@@ -58,16 +60,16 @@ class DropBench(ABC):
         if like is not None:
             if until_worse:
                 # The highest, tilted. Quantities are the largest of all drops: others change nothing.
-                hardest = self.test(like.seconds, DROPS[-1:])
+                hardest = self.test(like.seconds, self.drops[-1:])
                 if any(hardest.worse_than(like)):
                     return hardest
-            return self.test(like.seconds)
+            return self.test(like.seconds, self.drops)
         # Where a robot lies that fell over is chance: only its touch can be compared. One drop
         # shows most robots that fall, and saves the others.
-        if self.test(SECONDS, DROPS[-1:]).fell:
-            return self.test(SECONDS_TO_FALL)
-        test = self.test(SECONDS)
-        return self.test(SECONDS_TO_FALL) if test.fell else test
+        if self.test(SECONDS, self.drops[-1:]).fell:
+            return self.test(SECONDS_TO_FALL, self.drops)
+        test = self.test(SECONDS, self.drops)
+        return self.test(SECONDS_TO_FALL, self.drops) if test.fell else test
 
 
 @dataclass(frozen=True, slots=True)

@@ -501,8 +501,9 @@ class DropTest(LandingQuantities):
     largest height, m. frequency: of its legs, rad/s, from how far it sags on them; NaN where it
     does not rest. fell: whether it falls over in any drop. diverged: whether a drop has no end; the
     rebound and the quantities are then infinite.
-    seconds: of the longest drops. settled: number of drops that are long enough to show how the
-    robot rests; the quantities of rest are those of these alone.
+    seconds: of the longest drops. drops: their number; flat: of those without a tilt. settled:
+    number of drops that are long enough to show how the robot rests; the quantities of rest are
+    those of these alone.
     """
 
     robot: Robot
@@ -512,6 +513,8 @@ class DropTest(LandingQuantities):
     fell: bool
     diverged: bool
     seconds: float
+    drops: int
+    flat: int
     settled: int
 
     @property
@@ -613,6 +616,8 @@ def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: f
             fell=False,
             diverged=True,
             seconds=seconds,
+            drops=len(drops),
+            flat=_without_tilt(drops),
             settled=0,
         )
     highest = max(drop.height for drop in drops)
@@ -644,8 +649,15 @@ def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: f
         fell=fell,
         diverged=False,
         seconds=seconds,
+        drops=len(drops),
+        flat=_without_tilt(drops),
         settled=sum(not math.isnan(one.rest) for one in landed),
     )
+
+
+def _without_tilt(drops: Iterable[RobotDrop]) -> int:
+    """Number of drops without a tilt."""
+    return sum(not drop.tilt for drop in drops)
 
 
 def _worst(landed: Iterable[Landed], name: str) -> float:

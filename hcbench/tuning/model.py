@@ -29,6 +29,7 @@ from hcbench.sim.model_under_test import (
     Request,
     Texts,
 )
+from hcbench.sim.passivity import MOST_E
 from hcbench.sim.promise import Promise
 from hcbench.sim.rest import WORSE, Standing
 from hcbench.sim.simulate import impacts_in
@@ -335,8 +336,8 @@ def _best(
     order: Sequence[_Try],
     enough: float = 0.0,
 ) -> _Try:
-    """The first try, in order, with which a robot lands no worse, if its error is within a limit;
-    else the first that bounces at all.
+    """The first try, in order, with which a robot lands no worse and no launch gains energy, if its
+    error is within a limit; else the first that bounces at all, those that gain energy last.
 
     requests: one a pair. attitudes: of each pair as it can lie, with the attitude's name. wanted: e
     over speed. landed: the robot as it is; None for a model without a robot. limit: error of e that
@@ -345,6 +346,7 @@ def _best(
     """
     # In order: what lands worse, then the first that lands no worse but is not near enough.
     others: list[_Try] = []
+    gaining: list[_Try] = []
     # Why those that were launched do not bounce.
     silent: list[str] = []
     for without_landing in order:
@@ -364,11 +366,14 @@ def _best(
             silent.append(judged.failure)
             continue
         assert judged.pairs is not None
+        if not is_own and max(pair.max_e for pair in judged.pairs) > MOST_E:
+            gaining.append(judged)
+            continue
         if largest_error(judged.pairs) <= (enough if is_own else limit):
             return judged
         others.append(judged)
         break
-    for tried in others:
+    for tried in others + gaining:
         judged = _judged_try(tried, attitudes, wanted)
         if not judged.failure:
             if judged.landing is None:

@@ -218,8 +218,9 @@ class TunedModel(Shown):
 
     @property
     def gains(self) -> bool:
-        """True if e is near enough to the target, or clearly nearer than in the model as it was, and
-        a robot lands no worse; where the target is a rebound, if that is met.
+        """True if e is near enough to the target, or clearly nearer than in the model as it was, no
+        launch gains energy, and a robot lands no worse; where the target is a rebound, if that is
+        met.
 
         True also of a model that needs no setting because it is near enough as it is.
         """
@@ -229,6 +230,8 @@ class TunedModel(Shown):
             return False
         if self.name == AS_IT_IS:
             return self.max_error <= self.enough
+        if self.max_e > MOST_E:
+            return False
         return self.max_error <= max(self.enough, GAINS * largest_error(self.untuned))
 
     @property
@@ -241,6 +244,8 @@ class TunedModel(Shown):
         if self.name == AS_IT_IS:
             within = f"e within {as_bound(self.max_error)}"
             return f"the model as it is has {within}, and no setting that was found is nearer"
+        if self.max_e > MOST_E:
+            return f"e up to {self.max_e:.4g} with {self.name!r}: it gains energy"
         before = largest_error(self.untuned)
         found = f"{self.max_error:.2g} with the best setting that was found"
         return f"e is wrong by {before:.2g} in the model as it is, by {found}"

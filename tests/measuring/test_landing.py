@@ -133,7 +133,7 @@ def test_motors_hold_the_pose_by_pd() -> None:
 @pytest.mark.parametrize(
     ("model", "options", "words"),
     [
-        (BALL.replace("<freejoint/>", ""), {}, "no body has a free joint"),
+        (BALL.replace("<freejoint/>", ""), {}, "no body falls: all are fixed to the world"),
         (BALL.replace(FLOOR, ""), {}, "nothing below to land on"),
         (BALL, {"gravity": 0}, "gravity that lets the robot fall"),
         (BALL, {"heights": 1e3}, "heights"),

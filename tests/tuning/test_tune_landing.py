@@ -210,9 +210,9 @@ def test_a_refusal_names_the_end_of_what_is_possible_on_the_side_of_the_target(
     assert (change.extreme, change.misses) == (word, said)
 
 
-def test_a_body_without_actuators_has_no_rebound_of_its_own() -> None:
+def test_a_rigid_body_has_no_rebound_beside_its_e() -> None:
     good = QUADRUPED.with_name("good.xml")
-    with pytest.raises(UserError, match="no actuator drives"):
+    with pytest.raises(UserError, match=r"'ball' is one rigid body.*e squared times the drop"):
         hb.tune_model(good, "ball,plate", rebound="5 mm")
 
 

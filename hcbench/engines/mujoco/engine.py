@@ -426,8 +426,7 @@ class MujocoEngine(
         drops: DropPlan,
         rebuild: Callable[[], Any] | None = None,
     ) -> Landings:
-        """Drop a robot with a free joint over parts of the world, from each height and tilt of
-        `drops`.
+        """Drop a robot over parts of the world, from each height and tilt of `drops`.
 
         source: a path, an MjModel, an MjSpec, MJCF text, or a state as it stands. request: the pose
         and conditions. rebuild: unused. Raises UserError where the model has no such robot,
@@ -486,7 +485,7 @@ class MujocoEngine(
         like: DropTest | None = None,
         until_worse: bool = False,
     ) -> DropTest:
-        """Drop a robot with a free joint or a vertical slide over parts of the world."""
+        """Drop a robot that falls over parts of the world."""
         from hcbench.engines.mujoco.model.drop_test import landing
 
         return landing(_one_file(source), requests, like, until_worse)

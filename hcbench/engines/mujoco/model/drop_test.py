@@ -14,15 +14,9 @@ from hcbench.engines.mujoco.backend import (
     forget_resets,
     require_feature,
 )
+from hcbench.engines.mujoco.model.falling import base_of_pairs
 from hcbench.engines.mujoco.model.open import as_requested
-from hcbench.engines.mujoco.model.over_floor import (
-    OverFloor,
-    falling_joint,
-    falling_root,
-    hold_pose,
-    robot_in,
-    turn_base,
-)
+from hcbench.engines.mujoco.model.over_floor import OverFloor, hold_pose
 from hcbench.engines.mujoco.model.start_pose import start_pose
 from hcbench.engines.mujoco.model.write_pairs import label_of, spec_of
 from hcbench.sim.drop_test import DropBench, DropMotion, DroppedRobot
@@ -38,9 +32,10 @@ from hcbench.sim.landing import (
     drop_test,
 )
 from hcbench.sim.rest import LandingPeak
+from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from hcbench.sim.model_under_test import Request
     from hcbench.terms.impact import Floats
@@ -98,36 +93,29 @@ class _SensorColumns:
 
 
 class ModelDropBench(DropBench):
-    """A robot over its floor, whose contacts a search may change in `model` between tests.
+    """A tree of bodies over its floor, whose contacts a search may change in `model` between tests.
 
-    spec: of the whole model; a copy of it is changed. label: what to call it. requests: of pairs of
-    the robot with the floor, in the pose to hold.
-    root_of: finds the root body of what is dropped; raises UserError for pairs of which no part is
-    of a tree that can fall on what stands still. None: that of a robot with actuators.
-
-    Raises EngineMissing for a MuJoCo without contact sensors.
+    base: how it falls.
     """
 
-    def __init__(
-        self,
-        spec: Any,
-        label: str,
-        requests: Sequence[Request],
-        root_of: Callable[[Any, Sequence[Request]], int] | None = None,
-    ) -> None:
+    def __init__(self, spec: Any, label: str, requests: Sequence[Request]) -> None:
         """Add sensors to the model, let constant controls hold its pose, and find where each drop
         begins.
 
-        spec: of the whole model, copied. label: what to call it. requests: of pairs of the robot
-        with the floor; the first has the pose, step and gravity. root_of: finds the root body of
-        what is dropped; None: that of a robot with actuators. Raises UserError for what cannot be
-        dropped, EngineMissing for a MuJoCo without contact sensors.
+        spec: of the whole model, copied. label: what to call it. requests: of pairs of the tree
+        with the floor; the first has the pose, step and gravity. Raises UserError for what cannot
+        be dropped, EngineMissing for a MuJoCo without contact sensors.
         """
         require_feature(backend(), "contact sensors")
         request = requests[0]
         spec = spec.copy()
         plain = as_requested(spec.compile(), request)
-        root = (root_of or robot_in)(plain, requests)
+        start, _ = start_pose(plain, request)
+        bent = _bend_into_limits(plain, start)
+        backend().mj_forward(plain, start)
+        # The model with sensors has the same bodies and joints.
+        self.base = base_of_pairs(plain, start, requests)
+        root = self.base.root
         _add_sensors(spec, plain, root)
         self.model = as_requested(spec.compile(), request)
         # Else MuJoCo leaves the sensors of energy at 0.
@@ -135,8 +123,11 @@ class ModelDropBench(DropBench):
         self.timestep = float(self.model.opt.timestep)
         self._over_floor = OverFloor(self.model, root)
         self.gravity = self._over_floor.gravity
+        if self.base.turns_by is None:
+            # Tilted it would fall as it does flat.
+            self.drops = tuple(drop for drop in DROPS if not drop.tilt)
         self._start, _ = start_pose(self.model, request)
-        bent = _bend_into_limits(self.model, self._start)
+        _bend_into_limits(self.model, self._start)
         backend().mj_forward(self.model, self._start)
         self._controls, controller = hold_pose(self.model, self._start, root)
         if bent:
@@ -144,7 +135,6 @@ class ModelDropBench(DropBench):
         self.robot = self._described(label, controller)
         self._data = backend().MjData(self.model)
         self._columns = _SensorColumns.of(self.model)
-        self._falls_by = falling_joint(self.model, root, self._over_floor.up)
         # MuJoCo's full state at release, (nstate,).
         self._released: dict[RobotDrop, Floats] = {drop: self._release(drop) for drop in DROPS}
         over_floor = self._over_floor
@@ -168,7 +158,7 @@ class ModelDropBench(DropBench):
             controller=controller,
         )
 
-    def test(self, seconds: float, drops: Sequence[RobotDrop] = DROPS) -> DropTest:
+    def test(self, seconds: float, drops: Sequence[RobotDrop]) -> DropTest:
         """Drop the robot with the contacts that `model` has now, and join what each drop shows.
 
         seconds: to simulate of each drop. A drop that diverges makes the whole test a diverged one.
@@ -195,13 +185,12 @@ class ModelDropBench(DropBench):
             data.act[model.actuator_actadr[actuator]] = self._controls[actuator]
         data.mocap_pos[:] = self._start.mocap_pos
         data.mocap_quat[:] = self._start.mocap_quat
-        if drop.tilt:
-            _tilt(model, data, self._over_floor.root, drop.tilt)
-        address, way = self._falls_by
-        to_touch = self._over_floor.way_up(data, address, way)
+        self.base.tilt(model, data, TILT_AXIS, drop.tilt)
+        self.base.lift(model, data, self._over_floor.way_up(data, self.base.rise))
+        self.base.require_room(model, data)
         speed_at_touch = math.sqrt(2.0 * self.gravity * drop.height)
-        raised = to_touch + drop.height + speed_at_touch * self.timestep * drop.phase
-        data.qpos[address : address + len(way)] += raised * way
+        self.base.lift(model, data, drop.height + speed_at_touch * self.timestep * drop.phase)
+        self.base.require_room(model, data)
         mujoco.mj_forward(model, data)
         kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
         state = np.zeros(mujoco.mj_stateSize(model, kind))
@@ -327,10 +316,17 @@ def landing(
     source: a file, MJCF text or an MjSpec. requests: of pairs of the robot with its floor; the
     first has the pose. like: a test whose length this one takes; None: long enough to come to rest.
     until_worse: one drop is enough where something is worse in it than in all of `like`.
-    Raises UserError for what cannot be dropped or copied, EngineMissing for a MuJoCo without
-    contact sensors.
+    Raises UserError for what cannot be dropped or copied and for a rigid body, EngineMissing for a
+    MuJoCo without contact sensors.
     """
     bench = ModelDropBench(spec_of(source), label_of(source), requests)
+    if not bench.base.has_joints:
+        raise UserError(
+            "pair",
+            f"{bench.robot.name!r} is one rigid body",
+            "a robot, which has joints beside those by which it falls",
+            "The rebound of a body is its e squared times the drop: give --restitution",
+        )
     return bench.whole_test(like, until_worse)
 
 
@@ -341,7 +337,7 @@ def landing_peaks(source: Any, request: Request) -> tuple[LandingPeak, ...]:
     source: a file, MJCF text or an MjSpec. request: of the pair. Raises UserError for what cannot
     be dropped or copied, EngineMissing for a MuJoCo without contact sensors.
     """
-    bench = ModelDropBench(spec_of(source), label_of(source), [request], falling_root)
+    bench = ModelDropBench(spec_of(source), label_of(source), [request])
     of_height: dict[float, list[float]] = {height: [] for height in HEIGHTS}
     for drop in DROPS:
         if not drop.tilt:
@@ -368,25 +364,6 @@ def _bend_into_limits(model: Any, data: Any) -> int:
             data.qpos[address] = np.clip(data.qpos[address], low + inside, high - inside)
             bent += 1
     return bent
-
-
-def _tilt(model: Any, data: Any, root: int, angle: float) -> None:
-    """Turn the base of a robot by an angle, rad, about its free joint or its first hinge.
-
-    data: its qpos is changed. root: number of the base. A base on slides alone is left as it is.
-    """
-    kinds = backend().mjtJoint
-    first = int(model.body_jntadr[root])
-    for joint in range(first, first + int(model.body_jntnum[root])):
-        address = int(model.jnt_qposadr[joint])
-        if int(model.jnt_type[joint]) == int(kinds.mjJNT_FREE):
-            turn = np.zeros(4)
-            backend().mju_axisAngle2Quat(turn, np.array(TILT_AXIS), angle)
-            turn_base(data, address, turn)
-            return
-        if int(model.jnt_type[joint]) == int(kinds.mjJNT_HINGE):
-            data.qpos[address] += angle
-            return
 
 
 def _add_sensors(spec: Any, model: Any, root: int) -> None:

@@ -18,10 +18,16 @@ from hcbench.engines.mujoco.backend import (
     plugin_warnings,
     resets,
 )
-from hcbench.engines.mujoco.model.bodies import body_name, geom_name, volumes
+from hcbench.engines.mujoco.model.bodies import (
+    body_name,
+    geom_name,
+    integrator_name,
+    volumes,
+)
+from hcbench.engines.mujoco.model.falling import robot_in
 from hcbench.engines.mujoco.model.find_pair import contact_in_force, named_pair
 from hcbench.engines.mujoco.model.open import copy_state
-from hcbench.engines.mujoco.model.over_floor import Drive, OverFloor, drive_of, turn_base
+from hcbench.engines.mujoco.model.over_floor import Drive, OverFloor, drive_of
 from hcbench.engines.mujoco.model.pair import WithoutContact, restitution_law
 from hcbench.engines.mujoco.model.promises import broken_promise, promise_in
 from hcbench.engines.mujoco.model.start_pose import require_quaternions, start_pose
@@ -48,17 +54,20 @@ from hcbench.sim.touch import (
 from hcbench.system.errors import EngineFailed, UserError
 from hcbench.terms.impact import Floats
 
+# Axis of the world about which `land` tilts a base.
+_TILT_AXIS = (0.0, 1.0, 0.0)
+
 
 def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) -> Landings:
     """Drop the robot of a model from each height (m) at each tilt (rad) of a plan.
 
     model: compiled MjModel. label: what to call it. state: an MjData to start from, or None.
-    Raises UserError where the model has no robot, no gravity or nothing to land on, and for a
+    Raises UserError where nothing of the model falls, no gravity or nothing to land on, and for a
     controller that does not fit; EngineFailed where MuJoCo finds the state unstable.
     """
     with captured_warnings() as warned:
         start, start_name = start_pose(model, request, state)
-        bench = _Bench(model, start)
+        bench = _Bench(model, start, request.move)
         robot = bench.over_floor
         drive, controller = drive_of(drops.controller, model, start, robot.root)
         landings = []
@@ -78,6 +87,7 @@ def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) 
         gravity=robot.gravity,
         drops=tuple(landings),
         notes=(
+            *bench.notes,
             *plugin_warnings(warned),
             *_broken_promises(model, bench.floor_geoms),
             *unit_notes(robot.name, robot.mass, *volumes(model, start, robot.root)),
@@ -139,54 +149,33 @@ class _Fall(NamedTuple):
     rising: list[float]
 
 
-def _heaviest_base(model: Any) -> int:
-    """Number of the body on a free joint that carries most mass.
-
-    Raises UserError for a model without a free joint, or without gravity.
-    """
-    is_free = model.jnt_type == int(backend().mjtJoint.mjJNT_FREE)
-    bases = model.jnt_bodyid[is_free].tolist()
-    if not bases:
-        raise UserError(
-            "model", "no body has a free joint", "a robot with a free base, to be dropped"
-        )
-    is_off = model.opt.disableflags & backend().mjtDisableBit.mjDSBL_GRAVITY
-    if is_off or not np.linalg.norm(model.opt.gravity) > 0.0:
-        raise UserError(
-            "gravity",
-            "the model has none",
-            "a gravity that lets the robot fall",
-            "Try --gravity 9.81",
-        )
-    return int(max(bases, key=lambda body: float(model.body_subtreemass[body])))
-
-
 class _Bench:
-    """A robot with a free base, in its pose, over the parts of the world that it can land on.
+    """A robot in its pose, over the parts of the world that it can land on.
 
-    start: MjData of the pose, with its kinematics. floor_geoms: numbers of the geoms that were
-    touched until now.
+    start: MjData of the pose, with its kinematics. base: how the robot falls. notes: sentences on
+    how it was chosen. floor_geoms: numbers of the geoms that were touched until now.
     """
 
-    def __init__(self, model: Any, start: Any) -> None:
+    def __init__(self, model: Any, start: Any, move: str | None) -> None:
         """Find the robot and what it can land on.
 
-        start: MjData of the pose to drop it in. Raises UserError for a model without a free joint,
-        or without gravity.
+        start: MjData of the pose to drop it in. move: the part of the tree to drop, "body:NAME" or
+        "joint:NAME"; else the robot. Raises UserError for a model in which that does not fall.
         """
         self.model = model
         self.start = start
         self.timestep = float(model.opt.timestep)
-        root = _heaviest_base(model)
+        backend().mj_forward(model, start)
+        self.base, self.notes = robot_in(model, start, move)
+        root = self.base.root
         self.over_floor = OverFloor(model, root)
-        # Where the robot's free joint begins in qpos.
-        self._address = int(model.jnt_qposadr[int(model.body_jntadr[root])])
+        # RK4 leaves the contacts of its last stage: those of the step's start are computed beside it.
+        self._stage = backend().MjData(model) if integrator_name(model) == "RK4" else None
         self.floor_geoms: set[int] = set()
         # (robot's geom, floor's) of the pairs that a plug-in's law turns back by impulses.
         self._struck = self._pairs_of_impulses()
         # MuJoCo tells no contact force of an impulse. A step beside it, without contact, does.
         self._without_contact = WithoutContact(model) if self._struck else None
-        backend().mj_forward(model, start)
 
     def _pairs_of_impulses(self) -> set[tuple[int, int]]:
         """Numbers (robot's geom, floor's) of the geoms between which a plug-in's restitution law acts,
@@ -209,13 +198,14 @@ class _Bench:
         MuJoCo finds the state unstable.
         """
         data = copy.copy(self.start)
-        # Quaternion w x y z of a turn about y.
-        turn = np.array([math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0])
-        turn_base(data, self._address, turn)
-        up = self.over_floor.up
-        to_touch = self.over_floor.way_up(data, self._address, up)
+        if tilt and self.base.turns_by is None:
+            raise UserError("tilt", f"the base {self.over_floor.name!r} cannot turn", "0")
+        self.base.tilt(self.model, data, _TILT_AXIS, tilt)
+        self.base.lift(self.model, data, self.over_floor.way_up(data, self.base.rise))
+        self.base.require_room(self.model, data)
         for_phase = raised_for(phase, height, self.over_floor.gravity, self.timestep)
-        data.qpos[self._address : self._address + 3] += up * (height + to_touch + for_phase)
+        self.base.lift(self.model, data, height + for_phase)
+        self.base.require_room(self.model, data)
         backend().mj_forward(self.model, data)
         forget_resets(data)
         fall = self._fall(data, height, drive)
@@ -253,9 +243,10 @@ class _Bench:
             drive(data)
             before = data.qvel.copy()
             struck = self._struck_points(data)
+            at_start = self._at_start(data)
             backend().mj_step(self.model, data)
             _require_stable(data, time)
-            pressed, force = self._pressed_points(data, before)
+            pressed, force = self._pressed_points(at_start, before)
             since_touch = time - first_touch if fall.feet else 0.0
             self._tread(fall.feet, pressed, struck, since_touch)
             if not fall.feet:
@@ -266,8 +257,7 @@ class _Bench:
                 first_touch = time
             if self._without_contact is not None:
                 force = self._force_by_momentum(data, self._without_contact)
-            # The kinematics in `data` are those of the step's start.
-            backend().mj_jacSubtreeCom(self.model, data, jacobian, robot.root)
+            backend().mj_jacSubtreeCom(self.model, at_start, jacobian, robot.root)
             fall.forces.append(force)
             fall.rising.append(float(robot.up @ jacobian @ before))
             if time - first_touch > WINDOW_S:
@@ -279,6 +269,18 @@ class _Bench:
                 "a floor that it collides with",
             )
         return fall
+
+    def _at_start(self, data: Any) -> Any:
+        """The MjData that will have the contacts and kinematics of the start of the coming step, once
+        the step is taken.
+
+        data: MjData before the step, in which integrators other than RK4 leave them.
+        """
+        if self._stage is None:
+            return data
+        copy_state(self.model, data, self._stage)
+        backend().mj_forward(self.model, self._stage)
+        return self._stage
 
     def _struck_points(self, data: Any) -> list[_Point]:
         """Points of the robot that a plug-in's law will turn back by impulses in the coming step;

@@ -1,5 +1,5 @@
-"""A robot over the parts of the world that it can land on: which one falls, by which joint, how far
-it is above them, and what drives its joints while it lands.
+"""A robot over the parts of the world that it can land on: how far it is above them, and what drives
+its joints while it lands.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import body_name
-from hcbench.engines.mujoco.model.find_pair import named_pair, only_pair
 from hcbench.system.errors import UserError
 from hcbench.terms import units
 from hcbench.terms.impact import Floats
@@ -27,13 +26,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from hcbench.sim.model_under_test import Request
     from hcbench.terms.impact import Floats
 
 
-# Cosine of the angle to gravity below which a slide does not carry a base down.
-_VERTICAL = 0.9
-_EXPECTED = "pairs of a robot, which has actuators and can fall, with what stands still"
 # A floor is looked for this far below a robot, and as far above one that starts inside it, m.
 _FARTHEST = 10.0
 # Step of that search, m, and halvings of it afterwards: after 40 the height is exact to rounding.
@@ -90,21 +85,19 @@ class OverFloor:
         acts = (contacts.dist <= 0.0) & (contacts.exclude == 0)
         return bool((self.between(contacts.geom) & acts).any())
 
-    def way_up(self, data: Any, address: int, way: Floats) -> float:
+    def way_up(self, data: Any, rise: Floats) -> float:
         """Height by which to raise the robot of a pose until it just clears the floor, m; below 0
         to lower it.
 
-        data: MjData with the pose, which stays as it is.
-        address, way: where in qpos the joint begins by which the robot falls, and the change of its
-        numbers, (k,), that raises the robot by 1 m.
+        data: MjData with the pose, which stays as it is. rise: velocities that raise the robot by
+        1 m/s, (nv,).
         Raises UserError where the robot meets nothing within _FARTHEST.
         """
         raised = copy.copy(data)
-        numbers = slice(address, address + len(way))
 
         def is_touching_at(height: float) -> bool:
             raised.qpos[:] = data.qpos
-            raised.qpos[numbers] += height * way
+            backend().mj_integratePos(self.model, raised.qpos, rise, height)
             return self.is_touching(raised)
 
         return _way_up(is_touching_at, self.name)
@@ -143,96 +136,6 @@ def _way_up(is_touching_at: Callable[[float], bool], robot: str) -> float:
         else:
             high = middle
     return high
-
-
-def turn_base(data: Any, address: int, turn: Floats) -> None:
-    """Turn a robot's base about its own origin, in the pose that `data` has.
-
-    address: where its free joint begins in qpos: place (3), then quaternion w x y z.
-    turn: quaternion, w x y z, (4,), in the world.
-    """
-    attitude = slice(address + 3, address + 7)
-    turned = np.zeros(4)
-    backend().mju_mulQuat(turned, turn, data.qpos[attitude].copy())
-    data.qpos[attitude] = turned
-
-
-def robot_in(model: Any, requests: Sequence[Request]) -> int:
-    """Number of the root body of the robot of which each pair has one part.
-
-    model: compiled. requests: of the pairs; without names, the only pair that the model has. Raises
-    UserError where the robot has no actuators or cannot fall, where a pair is missing or unknown,
-    and where both or none of its parts move.
-    """
-    root = falling_root(model, requests)
-    if not _is_driven(model, root):
-        raise UserError("pair", "no actuator drives the body", _EXPECTED)
-    return root
-
-
-def falling_root(model: Any, requests: Sequence[Request]) -> int:
-    """Number of the root body of the one tree of which each pair has one part.
-
-    model: compiled. requests: of the pairs; without names, the only pair that the model has.
-    Raises UserError where a pair is missing or unknown, where both or none of its parts move, for
-    parts of several trees, without gravity, and for a base that cannot fall.
-    """
-    roots = set()
-    for request in requests:
-        names = request.pair or only_pair(model)
-        if names is None:
-            raise UserError("pair", "missing", _EXPECTED)
-        pair = named_pair(model, names)
-        one, two = pair.first.body, pair.second.body
-        moving = [body for body in (one, two) if model.body_weldid[body]]
-        if len(moving) != 1:
-            raise UserError("pair", ",".join(names), _EXPECTED)
-        roots.add(int(model.body_rootid[moving[0]]))
-    if len(roots) != 1:
-        raise UserError("pair", "parts of several robots", _EXPECTED, "Tune them one by one")
-    root = roots.pop()
-    gravity = np.asarray(model.opt.gravity)
-    off = model.opt.disableflags & backend().mjtDisableBit.mjDSBL_GRAVITY
-    if off or not gravity.any():
-        raise UserError("gravity", "the model has none", _EXPECTED, "Try --gravity 9.81")
-    falling_joint(model, root, -gravity / np.linalg.norm(gravity))
-    return root
-
-
-def _is_driven(model: Any, root: int) -> bool:
-    """Say whether an actuator moves a joint in the tree of a root body, by its number."""
-    kinds = backend().mjtTrn
-    in_tree = model.body_rootid[model.jnt_bodyid] == root
-    for actuator in range(model.nu):
-        kind = int(model.actuator_trntype[actuator])
-        if kind in (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT)):
-            if in_tree[model.actuator_trnid[actuator, 0]]:
-                return True
-        # Tendons, sites and bodies: of a tree with joints of its own beside its base.
-        elif in_tree.sum() > 1:
-            return True
-    return False
-
-
-def falling_joint(model: Any, root: int, up: Floats) -> tuple[int, Floats]:
-    """Find the joint by which a robot falls: the index in qpos at which it begins, and the change of
-    its numbers that raises the robot by 1 m, (3,) for a free joint, (1,) for a slide.
-
-    root: number of the robot's base. up: unit vector, (3,).
-    Raises UserError for a base with neither a free joint nor a slide within 26 degrees of up.
-    """
-    kinds = backend().mjtJoint
-    first = int(model.body_jntadr[root])
-    for joint in range(first, first + int(model.body_jntnum[root])):
-        address = int(model.jnt_qposadr[joint])
-        if int(model.jnt_type[joint]) == int(kinds.mjJNT_FREE):
-            return address, up
-        along = float(model.jnt_axis[joint] @ up)
-        if int(model.jnt_type[joint]) == int(kinds.mjJNT_SLIDE) and abs(along) > _VERTICAL:
-            return address, np.array([1.0 / along])
-    name = str(model.body(root).name)
-    got = f"the base {name!r} cannot fall"
-    raise UserError("pair", got, "a robot whose base has a free joint or a vertical slide")
 
 
 # Controllers of a robot's joints while it lands: PD at its pose, the pose's own controls, or a

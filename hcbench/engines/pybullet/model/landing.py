@@ -52,10 +52,14 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
     """Drop the robot of a world from each height (m) at each tilt (rad) of a plan, each time in a
     forked copy of this process: the world stays as it is.
 
-    Raises UserError where the world has no robot or nothing to land on, for a keyframe, and for a
-    client that is another process's; EngineFailed where a velocity is no longer finite.
+    Raises UserError where the world has no robot or nothing to land on, for a keyframe, for a part
+    to move, and for a client that is another process's; EngineFailed where a velocity is no longer finite.
     """
     bullet = world.bullet
+    if request.move is not None:
+        raise UserError(
+            "move", repr(request.move), "none in PyBullet: the body with most joints falls"
+        )
     if not can_fork(bullet):
         got = "a client that no copy of this process has"
         raise UserError("model", got, "files, or a client by pybullet.DIRECT")
