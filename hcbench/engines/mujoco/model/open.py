@@ -224,10 +224,10 @@ def load(source: Any, request: Request) -> tuple[Any, str, Any]:
             model = copy.copy(source)
         elif isinstance(source, mujoco.MjSpec):
             label = "MjSpec"
-            model = _compiled(source.copy().compile, label)
+            model = compiled(source.copy().compile, label)
         elif isinstance(source, str) and source.lstrip().startswith("<"):
             label = "MJCF text"
-            model = _compiled(partial(mujoco.MjModel.from_xml_string, source), label)
+            model = compiled(partial(mujoco.MjModel.from_xml_string, source), label)
         elif isinstance(source, str | Path):
             label = Path(source).name
             model = _from_file(mujoco, Path(source), request.packages)
@@ -280,10 +280,10 @@ def _from_file(mujoco: Any, path: Path, packages: Packages) -> Any:
         if names_packages(text) or not is_utf8(path):
             return _from_urdf(mujoco, path, packages)
     if path.suffix.lower() == ".mjz":
-        return _compiled(partial(_unzipped, mujoco, path), str(path))
+        return compiled(partial(_unzipped, mujoco, path), str(path))
     if path.suffix.lower() == ".mjb":
-        return _compiled(partial(_from_binary, mujoco, path), str(path))
-    return _compiled(partial(mujoco.MjModel.from_xml_path, str(path)), str(path))
+        return compiled(partial(_from_binary, mujoco, path), str(path))
+    return compiled(partial(mujoco.MjModel.from_xml_path, str(path)), str(path))
 
 
 def _from_urdf(mujoco: Any, path: Path, packages: Packages) -> Any:
@@ -293,7 +293,7 @@ def _from_urdf(mujoco: Any, path: Path, packages: Packages) -> Any:
     """
     text = _keep_folders(with_absolute_files(path, packages))
     try:
-        return _compiled(partial(mujoco.MjModel.from_xml_string, text), str(path))
+        return compiled(partial(mujoco.MjModel.from_xml_string, text), str(path))
     except SceneError:
         require_packages(path, packages)
         raise
@@ -343,8 +343,8 @@ def _keep_folders(urdf: str) -> str:
     return re.sub(r"(<robot\b[^>]*>)", rf"\1{option}", urdf, count=1)
 
 
-def _compiled(compile_model: Callable[[], Any], label: str) -> Any:
-    """The model that a function compiles, with hcbench's plug-ins loaded where it names them.
+def compiled(compile_model: Callable[[], Any], label: str) -> Any:
+    """The model or spec that a function makes, with hcbench's plug-ins loaded where it names them.
 
     compile_model: called without arguments, a second time once the plug-ins are loaded. label: what
     to call the model in errors.
@@ -355,10 +355,15 @@ def _compiled(compile_model: Callable[[], Any], label: str) -> Any:
     except (ValueError, RuntimeError, TypeError, OSError) as error:
         if "plugin hcbench." in str(error) and not plugin.load.cache_info().currsize:
             plugin.load()
-            return _compiled(compile_model, label)
+            return compiled(compile_model, label)
         words = " ".join(str(error).split()).removeprefix("Error: ").removeprefix("XML Error: ")
         if "allocate" in words:
             raise EngineFailed(
                 "model", f"{label}: {words}", "a model that fits into memory"
             ) from None
-        raise SceneError("model", f"{label}: {words}", "a model that MuJoCo compiles") from None
+        advice = []
+        if "plugin hcbench." in words:
+            advice = ["`hcbench plugin mujoco --install` installs those of this version"]
+        raise SceneError(
+            "model", f"{label}: {words}", "a model that MuJoCo compiles", *advice
+        ) from None

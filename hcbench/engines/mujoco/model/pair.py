@@ -24,6 +24,13 @@ if TYPE_CHECKING:
 
     from hcbench.laws.restitution import RestitutionCurve
 
+# Nearest points that are nearer to each other, m, have no direction but that of rounding.
+_LEAST_SPAN = 1e-12
+# The first of two parts is moved by this share of the smaller one to see how their distance changes.
+_NUDGE = 1e-3
+# Change of the distance, of the way that it is moved, below which that tells no direction.
+_LEAST_SLOPE = 0.1
+
 # A user's model whose pair bounces by the plug-in hcbench.restitution: what it asks for, and its
 # force.
 
@@ -180,7 +187,7 @@ class PairContact:
 
 class Nearest(NamedTuple):
     """Nearest points of two parts: signed distance (m), unit normal from the first to the second,
-    midpoint, and the geoms. The normal is 0 where the two touch without a direction to tell.
+    midpoint, and the geoms. The normal is 0 where the two touch and nothing tells a direction.
     """
 
     distance: float
@@ -353,9 +360,31 @@ class ContactPair:
                 if distance < min(best.distance, reach):
                     span = (ends[3:] - ends[:3]) * np.sign(distance)
                     length = float(np.linalg.norm(span))
-                    normal = span / length if length > 1e-12 else np.zeros(3)
+                    if length > _LEAST_SPAN:
+                        normal = span / length
+                    else:
+                        normal = self._normal_at_touch(data, a, b)
                     best = Nearest(distance, normal, (ends[3:] + ends[:3]) / 2, (a, b))
         return best
+
+    def _normal_at_touch(self, data: Any, a: int, b: int) -> Floats:
+        """Normal of two geoms whose nearest points coincide, (3,): the way in which their distance
+        falls fastest when the first is moved; 0 where that tells no direction.
+
+        data: MjData with the kinematics. a, b: numbers of the geoms.
+        """
+        moved = copy.copy(data)
+        short = _NUDGE * self.size
+        ends = np.zeros(6)
+        slope = np.zeros(3)
+        for axis in range(3):
+            for sign in (1.0, -1.0):
+                moved.geom_xpos[a] = data.geom_xpos[a]
+                moved.geom_xpos[a, axis] += sign * short
+                distance = backend().mj_geomDistance(self.model, moved, a, b, self.reach, ends)
+                slope[axis] += sign * distance / (2.0 * short)
+        length = float(np.linalg.norm(slope))
+        return -slope / length if length > _LEAST_SLOPE else np.zeros(3)
 
     def _above_field(self, data: Any) -> Nearest:
         """Estimate the nearest points of a height field and the other part's first geom: the normal is

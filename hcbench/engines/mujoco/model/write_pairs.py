@@ -16,6 +16,7 @@ import numpy as np
 from hcbench.engines.mujoco.backend import backend
 from hcbench.engines.mujoco.model.bodies import body_name, can_meet, explicit_pairs, response
 from hcbench.engines.mujoco.model.find_pair import contact_in_force
+from hcbench.engines.mujoco.model.open import compiled
 from hcbench.engines.mujoco.recipes.common import SPRING_SOLIMP
 from hcbench.engines.mujoco.recipes.compliant import (
     IMPRATIO,
@@ -219,21 +220,21 @@ def spec_of(source: Any) -> Any:
     """A new MjSpec of the user's model, whose assets are found from any folder.
 
     source: an MjSpec, MJCF text, or the path of an MJCF or URDF file. Raises UserError for a source
-    that cannot be written, such as a compiled model, and for MJCF that is not in UTF-8;
-    ValueError, by MuJoCo, for a file that does not parse.
+    that cannot be written, such as a compiled model, and for MJCF that is not in UTF-8; SceneError
+    for one that does not parse.
     """
     mujoco = backend()
     if isinstance(source, mujoco.MjSpec):
         return source.copy()
     if isinstance(source, str) and source.lstrip().startswith("<"):
-        return mujoco.MjSpec.from_string(source)
+        return compiled(partial(mujoco.MjSpec.from_string, source), label_of(source))
     if (path := _path(source)) is None:
         got = str(source) if isinstance(source, str | Path) else f"a {type(source).__name__}"
         raise UserError("model", got, "an MJCF file or an MjSpec, which can be written")
     # Before any search: a text that cannot be read cannot be written again either.
     if path.suffix.lower() != ".urdf":
         _read_utf8(path)
-    spec = mujoco.MjSpec.from_file(str(path))
+    spec = compiled(partial(mujoco.MjSpec.from_file, str(path)), str(path))
     if _has_assets(spec):
         for name in ("meshdir", "texturedir"):
             setattr(spec, name, str((path.parent / getattr(spec, name)).resolve()))
