@@ -10,7 +10,7 @@
 #include <mujoco/mujoco.h>
 
 // Causes of a change of speed, in the order of NAMES of speed_shares.py.
-enum { CONTACT, OTHERS, LIMITS, EQUALITIES, FRICTION, ACTUATORS, PASSIVE, WEIGHT, CAUSES };
+enum { CONTACT, OTHERS, LIMITS, EQUALITIES, FRICTION, ACTUATORS, PASSIVE, ADHESION, WEIGHT, CAUSES };
 
 // Numbers that `advance` returns in place of a count of steps.
 enum { FATAL_ERROR = -1, NO_MEMORY = -2 };
@@ -198,6 +198,13 @@ static int accelerations(const mjModel* m, mjData* d, const Pair* pair, const La
   memset(parts, 0, CAUSES * sizeof *parts);
   parts[ACTUATORS] = mju_dot(work->moved, d->qfrc_actuator, nv);
   parts[PASSIVE] = mju_dot(work->moved, d->qfrc_passive, nv);
+#ifdef HCB_ADHESION
+  // MuJoCo counts the pull of contacts among the passive forces.
+  if (m->flg_adhesion) {
+    parts[ADHESION] = mju_dot(work->moved, d->qfrc_adhesion, nv);
+    parts[PASSIVE] -= parts[ADHESION];
+  }
+#endif
   // The bias is on the other side of the equation of motion.
   parts[WEIGHT] = -mju_dot(work->moved, d->qfrc_bias, nv);
   if (!(others || d->ne || d->nf || d->nl)) {

@@ -17,7 +17,9 @@ EQUALITIES = "equality constraints"
 FRICTION = "friction in joints"
 ACTUATORS = "actuators"
 PASSIVE = "springs and damping of joints"
-NAMES = (CONTACT, OTHERS, LIMITS, EQUALITIES, FRICTION, ACTUATORS, PASSIVE, WEIGHT)
+# A contact's own pull, against which its rows push.
+ADHESION = "adhesion of contacts"
+NAMES = (CONTACT, OTHERS, LIMITS, EQUALITIES, FRICTION, ACTUATORS, PASSIVE, ADHESION, WEIGHT)
 
 
 def has_more_than_contacts(model: Any) -> bool:
@@ -29,8 +31,9 @@ def has_more_than_contacts(model: Any) -> bool:
 
 
 def strange_share(shares: Mapping[str, float]) -> float:
-    """Share of the change of speed that neither the contact nor gravity made."""
-    return sum(abs(share) for name, share in shares.items() if name not in (CONTACT, WEIGHT))
+    """Share of the change of speed that neither contacts, with their adhesion, nor gravity made."""
+    own = (CONTACT, ADHESION, WEIGHT)
+    return sum(abs(share) for name, share in shares.items() if name not in own)
 
 
 class SpeedShares:
@@ -54,9 +57,11 @@ class SpeedShares:
         self._h = float(model.opt.timestep)
         # M^-1 J^T: motion of each degree of freedom by a unit push along the normal.
         self._moved = np.empty((1, model.nv))
-        # Generalised forces of four causes, and what each adds to the approach.
-        self._forces = np.empty((4, model.nv))
-        self._products = np.empty(4)
+        # Generalised forces of five causes, and what each adds to the approach.
+        self._forces = np.zeros((5, model.nv))
+        self._products = np.empty(5)
+        # Older versions of MuJoCo have none.
+        self._has_adhesion = bool(getattr(model, "flg_adhesion", False))
         self.forget()
 
     def forget(self) -> None:
@@ -80,20 +85,24 @@ class SpeedShares:
         mujoco = backend()
         mujoco.mj_solveM(self._model, data, self._moved, row[None])
         moved = self._moved[0]
-        # A row for each cause, (4, nv).
+        # A row for each cause, (5, nv).
         forces = self._forces
         forces[0] = data.qfrc_constraint
         forces[1] = data.qfrc_actuator
         forces[2] = data.qfrc_passive
         forces[3] = data.qfrc_bias
+        if self._has_adhesion:
+            forces[4] = data.qfrc_adhesion
         mujoco.mju_mulMatVec(self._products, forces, moved)
-        constraint, actuators, passive, bias = self._products.tolist()
+        constraint, actuators, passive, bias, adhesion = self._products.tolist()
         # All constraint forces are the pair's contact, unless there are other constraints.
         constraints = [constraint, 0.0, 0.0, 0.0, 0.0]
         if others or data.ne or data.nf or data.nl:
             constraints = self._by_constraint(data, moved)
-        # The bias is on the other side of the equation of motion.
-        self.keep([step], [[*constraints, actuators, passive, -bias]])
+        # MuJoCo counts adhesion among the passive forces. The bias is on the other side of the equation
+        # of motion.
+        parts = [*constraints, actuators, passive - adhesion, adhesion, -bias]
+        self.keep([step], [parts])
 
     def keep(self, steps: Sequence[int], accelerations: Sequence[list[float]]) -> None:
         """Add steps whose accelerations of the approach by each of NAMES are known.

@@ -75,6 +75,7 @@ def compiler_arguments(folder: Path) -> tuple[list[str], list[str], list[Path]]:
     model = text["mjmodel.h"]
     # Features that differ between versions of MuJoCo.
     differs = {
+        "HCB_ADHESION": " qfrc_adhesion;" in data,
         "HCB_PRECONTACT": "mjPreContact;" in data,
         "HCB_ISLAND_ROWS": "iefc_D;" in data,
         "HCB_SURFACE_VELOCITY": "surfacevel[3];" in data,
