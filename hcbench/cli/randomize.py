@@ -19,6 +19,7 @@ from hcbench.cli.console import (
     show,
     show_code,
     status,
+    typed_again,
 )
 from hcbench.cli.help import command
 from hcbench.system.errors import UserError
@@ -27,6 +28,9 @@ from hcbench.system.text import as_bound, time_step
 if TYPE_CHECKING:
     from hcbench.terms.impact import Floats
     from hcbench.tuning.random_worlds import RandomWorlds
+
+# Options of a launch that no written model keeps.
+_LAUNCH = ("key", "qpos", "state", "move", "coming_from", "actuators")
 
 # Smaller differences are rounding.
 _FINEST = 1e-6
@@ -95,7 +99,10 @@ def randomize(
         return
     _print(drawn)
     if write_model is not None:
-        next_line = f"hcbench measure {quote(str(write_model))} --pair {quote(drawn.pairs[0])}"
+        launch = typed_again(given, _LAUNCH)
+        next_line = (
+            f"hcbench measure {quote(str(write_model))} --pair {quote(drawn.pairs[0])}{launch}"
+        )
         show(f"\nnext:\n  {next_line}")
 
 

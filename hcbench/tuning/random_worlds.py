@@ -43,8 +43,8 @@ class Certificate:
     restitution: mean e over the phases of a step, (c, s).
     lowest, highest: e of a single launch in each world, (c,).
     friction: impulse of friction over that of the normal force in a launch that slides throughout,
-    (c,), NaN where the joints of a pair keep it from sliding; None where the friction is the
-    model's own.
+    (c,), NaN where no launch of the pair does; None where the friction is the model's own.
+    unmeasured: why the friction of each pair is not measured, as a clause; "" where it is.
     energy_gained: the largest share of the kinetic energy that a launch gained; at most 0 where
     none did.
     launches: their number.
@@ -56,6 +56,7 @@ class Certificate:
     lowest: Floats
     highest: Floats
     friction: Floats | None
+    unmeasured: tuple[str, ...]
     energy_gained: float
     launches: int
 

@@ -69,6 +69,9 @@ _SHARE = 10
 _LEAST_CERTIFIED = 40
 # Slips of oblique launches, over what friction can stop; the first counts that slides throughout.
 _SLIPS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
+# Why the friction of a pair is not measured.
+_HELD = "its joints keep it from sliding"
+_STOPS = f"friction stops it before it leaves, even {_SLIPS[-1]:g} times as fast as it needs to"
 # Share of its slip that a launch keeps that slides throughout; joints can pull a foot back.
 _KEPT_SLIP = 0.25
 _SLIDING_PHASES = 2
@@ -648,25 +651,18 @@ def _notes(
 ) -> Iterator[str]:
     """Sentences on what the certificate does not compare.
 
-    before: the model as it is, at rest. certificate: its worlds were launched with the pairs in
-    turn, and its friction is NaN where the pair's joints let it not slide. models: one a pair.
+    before: the model as it is, at rest. certificate: says which pairs' friction was not measured.
+    models: one a pair.
     """
     if before.falls:
         yield (
             "Your model falls over in this pose, so its drift on a slope and its vibration say "
             "nothing and are not compared."
         )
-    if certificate.friction is None:
-        return
-    of_pair = np.arange(len(certificate.worlds)) % len(models)
-    for number, model in enumerate(models):
-        friction = certificate.friction[of_pair == number]
-        if friction.size and np.isnan(friction).all():
+    for model, why in zip(models, certificate.unmeasured, strict=True):
+        if why:
             first, second = model.facts().pair
-            yield (
-                f"The joints of {first} keep it from sliding on {second}: its μ is set as drawn, "
-                "but not measured."
-            )
+            yield f"{first} on {second}: {why}: its μ is set as drawn, but not measured."
 
 
 def _certificate(
@@ -685,9 +681,10 @@ def _certificate(
     indices of the worlds to launch in, (n,). random: draws the phases.
     """
     speeds = np.array(job.request.speeds)
-    sliding: list[Request | None] = [None] * len(models)
+    sliding = [_Sliding()] * len(models)
     if job.friction is not None:
         sliding = _sliding_launches(family, models, requests, job)
+    unmeasured = [each.fault for each in sliding]
     restitution = np.empty((len(certified), len(speeds)))
     lowest, highest = np.empty((2, len(certified)))
     rubbed = np.full(len(certified), math.nan)
@@ -704,16 +701,23 @@ def _certificate(
         lowest[row] = e.min()
         highest[row] = e.max()
         launches += len(impacts)
-        slides = sliding[number]
-        if slides is None:
+        if job.friction is None or unmeasured[number]:
             continue
         phases = tuple((np.arange(_SLIDING_PHASES) + random.random()) / _SLIDING_PHASES)
-        slid = impacts_in(model, dataclasses.replace(slides, phases=phases).launches())
+        slid = sliding[number].impacts(model, phases)
+        if not slid:
+            unmeasured[number] = _STOPS
+            continue
         rubbed[row] = _friction_of(slid)
         gained = max(
             gained, *(-impact.tangential.energy_lost for impact in slid if impact.tangential)
         )
         launches += len(slid)
+    # Worlds with much friction stop a launch first: without them those of a pair are not uniform.
+    of_pair = np.arange(len(certified)) % len(models)
+    for number, why in enumerate(unmeasured):
+        if why:
+            rubbed[of_pair == number] = math.nan
     return Certificate(
         worlds=certified,
         speeds=speeds,
@@ -721,9 +725,33 @@ def _certificate(
         lowest=lowest,
         highest=highest,
         friction=None if job.friction is None else rubbed,
+        unmeasured=tuple(unmeasured),
         energy_gained=gained,
         launches=launches,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Sliding:
+    """Oblique launches of a pair that slide throughout, the slowest along the plate first.
+
+    requests: to be tried one after the other; () where the friction is not measured.
+    fault: why it is not; "" where it is.
+    """
+
+    requests: tuple[Request, ...] = ()
+    fault: str = ""
+
+    def impacts(self, model: ModelUnderTest, phases: tuple[float, ...]) -> list[Impact]:
+        """Impacts of the first of the launches that slides throughout; [] where friction stops all.
+
+        model: opened for the pair, with the contact of a world. phases: of the launches.
+        """
+        for request in self.requests:
+            slid = impacts_in(model, dataclasses.replace(request, phases=phases).launches())
+            if _slides_on(slid):
+                return slid
+        return []
 
 
 def _sliding_launches(
@@ -731,34 +759,50 @@ def _sliding_launches(
     models: Sequence[ModelUnderTest],
     requests: Sequence[Request],
     job: _RandomizeJob,
-) -> list[Request | None]:
-    """Oblique launches of each pair that slide throughout, in worlds with the most friction; None
-    of a pair whose joints keep it from sliding, such as a finger on a slide.
+) -> list[_Sliding]:
+    """Oblique launches of each pair that slide throughout, in worlds with the most friction at both
+    ends of the band of e; or why there are none.
 
     models: opened, one a pair; they are left with other parameters than those of a world.
     requests: of these.
     """
     assert job.friction is not None
     most = job.friction[1]
-    sent: list[Request | None] = []
+    sent: list[_Sliding] = []
     for model, request, mobility in zip(models, requests, family.mobility, strict=True):
-        family.set(model, family.one(job.restitution[1], most), 0)
         # Tangent of the angle at which friction just stops a body, by impulses.
         stops = mobility * (1.0 + job.restitution[1]) * most
-        tried = (
+        tried = [
             dataclasses.replace(
                 request, speeds=(min(request.speeds),), angle=(math.atan(slips * stops),)
             )
             for slips in _SLIPS
-        )
+        ]
         try:
-            sent.append(
-                next((e for e in tried if _slides_on(impacts_in(model, e.launches()))), None)
-            )
+            while tried and not _slides_at_both_ends(family, model, tried[0], job):
+                tried.pop(0)
         # The joints cannot make such a motion.
         except UserError:
-            sent.append(None)
+            sent.append(_Sliding(fault=_HELD))
+            continue
+        sent.append(_Sliding(tuple(tried), "" if tried else _STOPS))
     return sent
+
+
+def _slides_at_both_ends(
+    family: ContactFamily, model: ModelUnderTest, request: Request, job: _RandomizeJob
+) -> bool:
+    """Say whether a launch slides throughout with the most friction and both ends of the band of e.
+
+    model: opened for the pair; left with other parameters. Raises UserError where the joints cannot
+    make its motion.
+    """
+    assert job.friction is not None
+    for e in job.restitution:
+        family.set(model, family.one(e, job.friction[1]), 0)
+        if not _slides_on(impacts_in(model, request.launches())):
+            return False
+    return True
 
 
 def _slides_on(impacts: Sequence[Impact]) -> bool:

@@ -271,6 +271,8 @@ def _named_joint(model: Any, chain: Sequence[int], name: str) -> MovingJoint | N
     Raises UserError for a name that no joint has.
     """
     names = [joint_name(model, j) for j in range(model.njnt)]
+    # `joint_name` gives them sanitized.
+    name = sanitized(name)
     if name not in names:
         raise UserError("move", f"no joint {name!r}", *suggest_names(name, names))
     joint = names.index(name)

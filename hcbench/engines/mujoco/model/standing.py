@@ -24,6 +24,7 @@ from hcbench.sim.rest import (
     PRESSED_S,
     PRESSED_STEPS,
     PUSHED_STEPS,
+    VIBRATION_MAX,
     BorneLoad,
     Carried,
     Rest,
@@ -49,6 +50,8 @@ if TYPE_CHECKING:
 _SECONDS = 4.0
 # Time that fingers have to close, s, before gravity pulls at what they hold.
 _CLOSES = 0.5
+# Times as long, at most, are waited for a body whose vibration still dies away.
+_LONGER = 4
 # Bounds the time of a rest at short steps.
 _MOST_STEPS = 20_000
 # A grasp starts with this many times the least force that holds the body.
@@ -200,7 +203,8 @@ def _rest(
     opened: OpenedModel, data: Any, gravity: Floats | None = None, from_body: int = 0
 ) -> Rest:
     """Step a pair for _SECONDS and measure how it rests in the second half; DIVERGED where it ends
-    in numbers that are not finite.
+    in numbers that are not finite. While its vibration dies away that is the tail of settling: it is
+    measured again over the next half, _LONGER times at most.
 
     data: MjData at the start; moved on. gravity: m/s², (3,); None: the model's, which holds again
     afterwards.
@@ -214,11 +218,26 @@ def _rest(
     if gravity is not None:
         model.opt.gravity[:] = gravity
     backend().mj_step(model, data, nstep=settling)
-    position, force, depth = _followed(opened, data, steps - settling, from_body)
+    for _ in range(1 + _LONGER):
+        rest = _rest_in(opened, data, steps - settling, from_body)
+        if not (rest.dies_away and rest.vibration > VIBRATION_MAX):
+            break
     model.opt.gravity[:] = gravity_before
+    return rest
+
+
+def _rest_in(opened: OpenedModel, data: Any, steps: int, from_body: int) -> Rest:
+    """Take so many steps and measure how the pair rests in them; DIVERGED where a number is not
+    finite.
+
+    data: MjData; moved on. from_body: number of the body from which positions are taken; 0: the
+    world.
+    """
+    position, force, depth = _followed(opened, data, steps, from_body)
     if not all(np.isfinite(column).all() for column in (position, force, depth)):
         return DIVERGED
     normal = opened.place.contact.normal
+    timestep = opened.model.opt.timestep
     moment = np.arange(len(force)) * timestep
     height = position @ normal
     rate = np.gradient(height, timestep)
