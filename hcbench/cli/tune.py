@@ -53,6 +53,8 @@ _FLAGS: dict[Kind, str] = {"exact": "--plugin", "settings": "--settings", "const
 
 # A function of the user's script that sets up a world, as a shell takes it.
 _SCRIPT = "--python FILE.py:FUNCTION"
+# What a world calls two bodies whose names are no variables.
+_BODIES = ("first", "second")
 
 
 def tune_engine(
@@ -123,7 +125,8 @@ def tune_engine(
             line = _next_line(answer, model, joined_names(names), asked["material"])
             title = "next:"
             if model == _SCRIPT:
-                title = f"next, with a FUNCTION that returns World(client, {', '.join(names)}):"
+                bodies = ", ".join(names if all(map(str.isidentifier, names)) else _BODIES)
+                title = f"next, with a FUNCTION that returns World(client, {bodies}):"
             show(f"\n{title}\n  {line}")
     _require(answer, limit, gate)
 

@@ -216,7 +216,8 @@ def _cure(tuned: TunedModel) -> str:
     step = f"a smaller step, such as --timestep {time_step(facts.timestep / 4)}"
     if not isinstance(registry.engine(facts.engine), HasPlugin):
         return f"Try {step}"
-    where = f"--timestep {time_step(facts.timestep)} --pair {quote(joined_names(facts.pair))}"
+    names = joined_names(facts.in_text or facts.pair)
+    where = f"--timestep {time_step(facts.timestep)} --pair {quote(names)}"
     plugin = f"the exact plug-in, `hcbench tune {facts.engine} --plugin {where}` and your target"
     return f"Try {plugin}; or {step}"
 

@@ -267,6 +267,7 @@ class Facts:
     by cause, in the launch in which joints and actuators took most; empty where there are none.
     promise: what hcbench promised of the pair, where it wrote the setting.
     changed: codes of the suspects that are not as they were when it promised.
+    in_text: the two as a text to paste calls them, where that is not by their names; else ().
     """
 
     engine: str
@@ -288,6 +289,7 @@ class Facts:
     shares: Mapping[str, float] = field(default_factory=dict)
     promise: Promise | None = None
     changed: tuple[str, ...] = ()
+    in_text: tuple[str, ...] = ()
 
     @property
     def more_than_contact(self) -> float:

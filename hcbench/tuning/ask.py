@@ -329,10 +329,6 @@ def tune_model(
             warnings.warn(f"Nothing is written: {tuned.no_gain}.", stacklevel=3)
         return tuned
     texts = {"--write-model": tuned.written, "--write-include": tuned.texts.include}
-    for option in outputs:
-        if not texts[option]:
-            of = tuned.engine
-            raise UserError(option, f"a model of {of}", "a model that is one file")
     for option, path in outputs.items():
         write_output(path, texts[option], option, force)
     notes = (*tuned.notes, *_without_include(tuned.written, outputs, output.include))

@@ -204,13 +204,26 @@ def _require_known_version(engine: Engine, output: Output) -> None:
         raise UserError("for", repr(got), known)
 
 
+def _require_writable(engine: TunesModels, output: Output) -> None:
+    """Raise UserError where files are to be written of an engine whose settings are lines of a script
+    alone, before anything is measured.
+    """
+    asked = "--write-include" if output.include else "--write-model"
+    is_asked = output.folder is not None or output.include
+    if is_asked and not engine.writes_models:
+        got = f"a model of {engine.title}, whose settings are lines of a script"
+        advice = "Leave it out: hcbench prints the lines to paste; --json has them, too"
+        raise UserError(asked, got, "a model of MuJoCo (MJCF), which can be written", advice)
+
+
 def _tuned(job: Job) -> TunedModel:
     """Try the engine's settings, the simplest first; return the first that will do, or else the
     nearest, or the model as it is where that is nearer still.
 
     A setting will do if e is within the job's `max_error` for all pairs, and all that stands still
     stands as still as before. One that throws up what slides comes after all others. Raises
-    UserError for an engine that tunes no models, and where every setting has a launch without an e.
+    UserError for an engine that tunes no models, for a file that it cannot write, and where every
+    setting has a launch without an e.
     """
     assert isinstance(job, _TuneJob)
     requests = (job.request, *job.others)
@@ -219,6 +232,7 @@ def _tuned(job: Job) -> TunedModel:
         expected = "an engine that tunes models of users"
         raise UserError("engine", repr(engine.name), expected, f"{source!r}")
     _require_known_version(engine, job.output)
+    _require_writable(engine, job.output)
 
     if job.rebound is not None:
         was = engine.landing(source, requests)

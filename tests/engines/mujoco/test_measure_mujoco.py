@@ -5,12 +5,14 @@ mj_step as the user would write them.
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
+from hcbench.engines.mujoco.model import touch_search
 from hcbench.engines.mujoco.scene.rows import SoftConstraint
 from hcbench.laws import kelvin_voigt
 from hcbench.laws.kelvin_voigt import Ending
@@ -534,3 +536,26 @@ def test_the_promise_is_what_the_engine_keeps_at_a_fine_step(
     )
     promised = SoftConstraint(solref, solimp, 2e-5).curve([0.1, 1.0])
     assert [p.restitution for p in found.curve] == pytest.approx(promised, abs=1e-3)
+
+
+@pytest.mark.parametrize(("native", "is_rough"), [("enable", False), ("disable", True)])
+def test_a_distance_that_is_no_way_is_named_as_rough(native: str, is_rough: bool) -> None:
+    """MuJoCo's older collision of convex shapes tells a distance that falls by another way than the
+    bodies approach.
+    """
+    model = f"""<mujoco><option gravity="0 0 0"><flag nativeccd="{native}"/></option>
+    <asset><mesh name="m" vertex="0 0 .1 .1 0 -.05 -.1 .1 -.05 -.1 -.1 -.05"/></asset><worldbody>
+    <geom name="peak" type="mesh" mesh="m"/>
+    <body name="can" pos=".01 .005 .35"><freejoint/><geom type="cylinder" size=".03 .02"/></body>
+    </worldbody></mujoco>"""
+    found = measure(model, "can,peak", diagnose=False, rest=False, speeds=[0.5], phases=[0.3])
+    assert any("rough for these shapes" in note for note in found.facts.notes) == is_rough
+
+
+def test_nearest_points_at_touch_tell_no_normal() -> None:
+    """There rounding makes the line between them; that of MuJoCo's contact counts."""
+    up, aside = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+    pair: Any = SimpleNamespace(contact=lambda _: SimpleNamespace(normal=up))
+    np.testing.assert_array_equal(touch_search._normal_at_touch(pair, None, aside), up)
+    tilted = np.array([0.1, 0.0, 0.995])
+    np.testing.assert_array_equal(touch_search._normal_at_touch(pair, None, tilted), tilted)

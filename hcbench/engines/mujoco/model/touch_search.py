@@ -16,6 +16,8 @@ from hcbench.terms.impact import Floats
 _DEPTHS = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 # Share of the approach that must be along the normal of a contact.
 _OPPOSING = 0.5
+# Cosine of the angle between two normals above which both are of the same touch.
+_SAME_LINE = 0.9
 # A way along an arc has so many rounds, each of at most this length, m.
 _ROUNDS = 400
 _STRIDE = 0.02
@@ -182,6 +184,18 @@ def _along_equalities(model: Any, data: Any, push: Floats) -> Floats:
     return moved
 
 
+def _normal_at_touch(pair: ContactPair, data: Any, normal: Floats) -> Floats:
+    """The normal of MuJoCo's contact, where that between the nearest points of two parts that touch,
+    (3,), is along another line: rounding alone makes it there.
+
+    data: MjData with contacts.
+    """
+    contact = pair.contact(data)
+    if contact is None or float(contact.normal @ normal) > _SAME_LINE:
+        return normal
+    return contact.normal
+
+
 def swing_to_touch(
     pair: ContactPair, data: Any, dofs: tuple[int, ...], row: Floats
 ) -> Floats | None:
@@ -214,6 +228,8 @@ def swing_to_touch(
             if move is None:
                 move = swing(model, data, row, dofs)
             return move
+        if abs(near.distance) < _CLOSE:
+            normal = _normal_at_touch(pair, data, normal)
         move = swing(model, data, pair.approach_row(data, near.point, normal), dofs)
         if move is None or abs(near.distance) < _CLOSE:
             return move

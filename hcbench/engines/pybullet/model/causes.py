@@ -24,6 +24,7 @@ from hcbench.engines.pybullet.backend import (
 from hcbench.engines.pybullet.model.bodies import MAXIMAL_COORDINATES, SlidingJoint
 from hcbench.engines.pybullet.model.open import BodyPart
 from hcbench.engines.pybullet.model.place import BulletPlacement
+from hcbench.engines.pybullet.scene.options import part_in_script
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring import diagnose
 from hcbench.sim.model_under_test import Suspect
@@ -32,7 +33,7 @@ from hcbench.system.text import time_step
 from hcbench.terms.impact import Impact
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from hcbench.engines.pybullet.backend import BulletClient
     from hcbench.engines.pybullet.model.place import BulletPlacement
@@ -123,6 +124,20 @@ class Call:
             bullet.setPhysicsEngineParameter(**self.settings)
         else:
             bullet.changeDynamics(self.side.body, self.side.link, **self.settings)
+
+
+def script_of(lines: Iterable[str], parts: Iterable[BodyPart]) -> str:
+    """Lines of calls as a text to paste: with the module that they call, and a comment on the
+    variables of bodies from files.
+
+    parts: whose bodies the lines name.
+    """
+    variables = dict.fromkeys(part.variable for part in parts)
+    names = [variable for variable in variables if isinstance(variable, str)]
+    head = ["import pybullet as p"]
+    if names:
+        head.append(f"# {', '.join(names)}: the bodies that loadURDF returned")
+    return "\n".join([*head, *lines])
 
 
 def _fix(*calls: Call) -> tuple[str, Callable[[BulletClient], None]]:
@@ -457,26 +472,27 @@ def promise_line(pair: Pair, promise: Promise) -> str:
     """The line of Python that keeps a promise in a world, as user data of the first body; "" for a
     promise whose target a text cannot state.
 
-    pair: names of the variables that have the two bodies' ids.
+    pair: the two, as `part_in_script` takes them.
     """
     if not promise.text:
         return ""
-    first, second = pair
+    (first, first_link), (second, second_link) = map(part_in_script, pair)
     # Braces of an f-string: the script's own number of the second body.
-    key = f'f"{_key("{" + second + "}", -1)}"'
+    key = f'f"{_key("{" + second + "}", second_link)}"'
     # Parts of one text, which Python joins, in lines that a page can show.
     words = [f"{part}; " for part in promise.text.split("; ")]
     words[-1] = words[-1].removesuffix("; ")
     half = len(words) // 2
     parts = [json.dumps("".join(some)) for some in (words[:half], words[half:])]
-    return f"pybullet.addUserData({first}, {key},\n    {parts[0]}\n    {parts[1]})"
+    of_link = "" if first_link < 0 else f", linkIndex={first_link}"
+    return f"pybullet.addUserData({first}, {key},\n    {parts[0]}\n    {parts[1]}{of_link})"
 
 
 def promise_in(bullet: BulletClient, sides: tuple[BodyPart, BodyPart]) -> Promise | None:
     """Read the promise that `hcbench tune` wrote for two links, in either order; None without one."""
     for first, second in (sides, sides[::-1]):
-        # A text sets whole bodies, by their base.
-        number = bullet.getUserDataId(first.body, _key(str(second.body), second.link))
+        key = _key(str(second.body), second.link)
+        number = bullet.getUserDataId(first.body, key, linkIndex=first.link)
         if number >= 0:
             return Promise.read(bullet.getUserData(number).decode())
     return None

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.engines.pybullet.backend import MASS, STIFFNESS
-from hcbench.engines.pybullet.model.causes import Call, apply_calls
+from hcbench.engines.pybullet.model.causes import Call, apply_calls, script_of
 from hcbench.engines.pybullet.model.drop_test import FIRST_S, LASTING, ChangedWorld, WorldDropBench
 from hcbench.engines.pybullet.model.open import BodyPart
 from hcbench.engines.pybullet.model.under_test import PybulletModel, unwritten
@@ -171,7 +171,8 @@ def _setting(
     if search.others:
         notes.append(f"{', '.join(search.others)} land on the floor, too, and keep their contact.")
 
-    text = "\n".join(call.text for call in calls)
+    sides = [call.side for call in calls if call.side is not None]
+    text = script_of([call.text for call in calls], sides)
     apply = partial(apply_calls, calls=calls)
 
     def opened(request: Request) -> PybulletModel:

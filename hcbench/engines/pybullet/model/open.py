@@ -385,6 +385,11 @@ class BodyPart:
             return name
         return self.body
 
+    @property
+    def in_text(self) -> str:
+        """The part as `tune pybullet --pair` takes it: its variable, and the number of a link."""
+        return str(self.variable) if self.link < 0 else f"{self.variable}:{self.link}"
+
 
 @dataclass(frozen=True, slots=True)
 class LoadedWorld:

@@ -36,6 +36,7 @@ from hcbench.engines.pybullet.model.causes import (
     promise_in,
     restitution_setting,
     restitutions,
+    script_of,
     speed_of_hops,
     what_distorts,
     without_spring,
@@ -417,6 +418,7 @@ class PybulletModel(ModelUnderTest):
             point=vector(self.place.point),
             promise=self.promise,
             changed=tuple(suspect.code for suspect in self._changed_since_tuned()),
+            in_text=(self.place.first.in_text, self.place.second.in_text),
         )
 
     def _changed_since_tuned(self) -> list[Suspect]:
@@ -760,6 +762,8 @@ def _restitution(
     lines: dict[str, None] = {}
     for suspect in suspects:
         lines |= dict.fromkeys(suspect.fix.split("; "))
+    parts = [part for place, _ in places for part in (place.first, place.second)]
+    text = script_of(lines, parts)
     notes = (
         f"Restitutions multiply: {e:.4g} is on the first, 1 on the second. Set all before the first step.",
         "contactBreakingThreshold outlives resetSimulation and leaks into other clients of the process.",
@@ -778,6 +782,6 @@ def _restitution(
         "restitution",
         notes,
         opened,
-        lambda *_: Texts("\n".join(lines)),
+        lambda *_: Texts(text),
         source=ChangedWorld(build, apply),
     )

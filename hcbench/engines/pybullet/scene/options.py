@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import keyword
 import math
+import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, PlainValidator, StrictBool, ValidationInfo, field_validator
@@ -214,18 +217,50 @@ def ball_urdf(scene: Scene, links: Sequence[LinkOptions]) -> str:
     return f'<robot name="ball">\n{text}</robot>\n'
 
 
+# Suffixes of files that PyBullet loads bodies from.
+_FILES = (".urdf", ".sdf", ".xml")
+# A link of a body by its number, as in "robot:11"; "body:1" is body 1 of a world.
+_LINK = re.compile(r"(?P<body>.+):(?P<link>-1|\d+)")
+
+
+def part_in_script(name: str) -> tuple[str, int]:
+    """Variable of the body, and number of the link, that a name means in a script of the user's.
+
+    name: a variable, a body's number, or the path of the body's file, which makes a variable of
+    its stem; each may go on with ":" and a link's number. The base is link -1.
+    """
+    link = -1
+    found = _LINK.fullmatch(name)
+    if found is not None and found["body"] == "body":
+        name = found["link"]
+    elif found is not None:
+        name = found["body"]
+        link = int(found["link"])
+    if name.isdigit():
+        return name, link
+    if Path(name).suffix.lower() in _FILES:
+        name = Path(name).stem
+    variable = re.sub(r"\W", "_", name)
+    if not variable.isidentifier() or keyword.iskeyword(variable):
+        variable = f"body_{variable}"
+    return variable, link
+
+
 def snippet(setting: Setting, form: str = "plane", pair: Pair = PAIR) -> str:
     """Return the lines to paste into a script with a PyBullet world, after its other settings.
 
-    form: "plane" or "cup". pair: the script's variables of ball and plate.
+    form: "plane" or "cup". pair: of ball and plate, as `part_in_script` takes them.
     """
     if not {"world", "ball", "plate", "law", "links"} & set(setting.options):
         return setting.options_text
+    (ball, _), (plate, _) = map(part_in_script, pair)
     head = ["import pybullet", LAST]
+    if not all(map(str.isidentifier, pair)):
+        head.append(_BODIES.format(ball, plate, *pair))
     if setting.options.get("links"):
-        head += [_OWN_BALL.format(*pair)]
+        head += [_OWN_BALL.format(ball)]
     if setting.options.get("maximal_coordinates"):
-        head += [_MAXIMAL.format(*pair)]
+        head += [_MAXIMAL.format(ball, plate)]
     if "law" in setting.options:
         head.insert(1, "from hcbench.contact import pybullet as contact\n")
     text = "\n".join([*head, _calls(setting, pair, {}, "str(contact.library())")])
@@ -268,51 +303,53 @@ def _calls(setting: Setting, pair: Pair, made: Mapping[str, str], path: str) -> 
     """Lines of Python with the calls of a setting, in an order that works: the world's, what makes
     ball and plate, what changes them, and the law's.
 
-    pair: the script's variables of ball and plate. made: "ball" and "plate" -> the call that makes
-    each; {} where both exist already. path: of the plug-in, as a Python expression; unused without
+    pair: of ball and plate, as `part_in_script` takes them. made: "ball" and "plate" -> the call
+    that makes each; {} where both exist already. path: of the plug-in, as a Python expression; unused without
     a law.
     """
     options = setting.options
-    names = dict(zip(PAIR, pair, strict=True))
+    parts = dict(zip(PAIR, map(part_in_script, pair), strict=True))
     # Substeps of the user's would be shorter steps than those of the setting.
     world = {"fixedTimeStep": setting.timestep, "numSubSteps": 0, **options.get("world", {})}
     # Lines before the bodies are made; then by body the call that changes it.
     before: list[str] = []
     made = dict(made)
     calls = {}
-    for body, name in names.items():
+    for body, (name, link) in parts.items():
         if options.get(body):
             given = arguments(options[body])
-            calls[body] = f"pybullet.changeDynamics({name}, -1, {given})"
+            calls[body] = f"pybullet.changeDynamics({name}, {link}, {given})"
     links = options.get("links")
     if links:
         rows = ""
         for link in links:
             rows += f"    ({link['onset']!r}, {link['stiffness']!r}, {link['damping']!r}),\n"
-        write = WRITE.replace('"ball.urdf"', f'"{pair[0]}.urdf"')
+        ball, _ = parts["ball"]
+        write = WRITE.replace('"ball.urdf"', f'"{ball}.urdf"')
         before = [
             f"LINK = {LINK!r}",
             f"JOINT = {JOINT!r}",
             f"links = [  # start, k, c\n{rows}]",
             write,
         ]
-        made["ball"] = f'loadURDF("{pair[0]}.urdf", flags=pybullet.URDF_USE_INERTIA_FROM_FILE)'
+        made["ball"] = f'loadURDF("{ball}.urdf", flags=pybullet.URDF_USE_INERTIA_FROM_FILE)'
         of_link = calls["ball"].replace("-1", "link")
         calls["ball"] = f"for link in range(-1, {len(links) - 1}):\n    {of_link}"
     lines = [f"pybullet.setPhysicsEngineParameter({arguments(world)})", *before]
     for body, call in made.items():
-        lines.append(f"{names[body]} = pybullet.{call}")
+        name, _ = parts[body]
+        lines.append(f"{name} = pybullet.{call}")
     lines += calls.values()
     if "law" in options:
         law = json.dumps(plugin.command(law_of(options["law"])))
         lines.append(f"plugin = pybullet.loadPlugin({path})")
-        lines.append(
-            f"pybullet.executePluginCommand(plugin, {law}, [{pair[0]}, -1, {pair[1]}, -1])"
-        )
+        numbers = ", ".join(f"{name}, {link}" for name, link in parts.values())
+        lines.append(f"pybullet.executePluginCommand(plugin, {law}, [{numbers}])")
     return "\n".join(lines)
 
 
 LAST = "# paste it after all other settings of the world and of these bodies: the last one counts"
+_BODIES = "# {0}, {1}: the numbers of the bodies of {2} and {3}, as loadURDF returns them"
 _OWN_BALL = "# radius, mass, inertia and friction: of {0}; friction 0 for none"
 _MAXIMAL = """for body in ({0}, {1}):
     if pybullet.getDynamicsInfo(body, -1)[10] != 1:
