@@ -142,6 +142,8 @@ _BESIDE = {
     *("number", "trial", "beside", "vertical", "bounce", "touch", "drop", "mean", "before"),
     *("frame", "sample"),
 }
+# Meanings of words that make another quantity of what they stand before.
+CHANGES = {"changed", "peak", "upper edge"}
 # Quantities that units of columns are of.
 QUANTITIES_OF_COLUMNS = ("time", "position", "speed", "force", "energy")
 # Units of a picture, which a scale turns into lengths.

@@ -19,6 +19,7 @@ import numpy as np
 
 from hcbench.fitting.cells import counts
 from hcbench.fitting.column_names import (
+    CHANGES,
     QUANTITY_OF,
     is_beside,
     is_unit,
@@ -77,8 +78,6 @@ _OF_PROGRAMS = re.compile(
 )
 # Roles of columns that a rate turns into times.
 _COUNTED = ("frame", "sample")
-# Meanings of words that make another quantity of what they stand before.
-_CHANGES = {"changed", "peak", "upper edge"}
 _OPENING = tuple("=:([{")
 _ARROW = re.compile(r"(?:->|=>|→)\s*$")
 # Letters before a list that may have its name.
@@ -299,7 +298,7 @@ def _named(lines: Sequence[str]) -> Iterator[list[_Named]]:
         whole.append(_plain(_repeated(befores)))
         words = _phrase(whole[i], _unit_after(befores[0], places[0][2]))
         if i in clocks:
-            is_changed = meanings_of(places[0][2]) & _CHANGES
+            is_changed = meanings_of(places[0][2]) & CHANGES
             words = words if role_of(words) else of_clocks[min(clocks.index(i), 1)]
             words = "other" if is_changed else words
         elif meanings_of(words) or not name:
@@ -361,7 +360,7 @@ def _phrase(words: str, unit: str) -> str:
     words = re.sub(r"^\w+ (?:name|label|title|key) = ", "", words)
     signs = [match.end() for match in re.finditer(r"[\]):;,]\s", words)]
     # "lost, height"
-    signs = [at for at in signs if not meanings_of(words[:at]) & _CHANGES]
+    signs = [at for at in signs if not meanings_of(words[:at]) & CHANGES]
     ways = [words[at:].strip() for at in (0, *signs)]
     headers = {way: f"{way} [{unit}]" if unit else way for way in ways}
     known = (way for way in ways if role_of(*split_header(headers[way])) or is_beside(way))
@@ -434,7 +433,7 @@ def _name_of(before: str, after: str) -> str:
     the last name is of something else, such as heights lost.
     """
     *_, line = before.splitlines()
-    if meanings_of(_without_types(line)) & _CHANGES:
+    if meanings_of(_without_types(line)) & CHANGES:
         return ""
     plain = re.sub(r"\(|<[^<>\n]*>", " ", before).replace("#", ":")
     phrases = map(_without_types, _SIGNS.split(plain)[::-1])

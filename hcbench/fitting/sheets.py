@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import html
 import io
+import itertools
 import math
 import re
 import unicodedata
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from email import message_from_bytes
 from email.policy import default
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 from hcbench.fitting.column_names import (
+    CHANGES,
+    QUANTITY_OF,
     explained,
     is_short_latin,
     is_unit,
     is_word_of_header,
+    meanings_of,
     plain_unit,
+    role_of,
+    split_header,
 )
 from hcbench.fitting.separators import Row, rows_of
 from hcbench.system.errors import UserError
@@ -28,7 +34,11 @@ from hcbench.system.files import is_file, parse_json, read_bytes, require_small_
 from hcbench.system.text import sanitized
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
+
+    # The keys that lead to a table of JSON, and its rows.
+    _JsonTable = tuple[tuple[str, ...], list[tuple[str, ...]]]
 
 # Largest file that is read, bytes.
 _LARGEST = 16 << 20
@@ -65,6 +75,12 @@ _BREAK = re.compile(r"(?i)<(?:w:)?(?:/p|/div|br|/h\d|/li|/caption)\b[^>]*>")
 _BARE = re.compile(r"<[^<>]*>")
 # Lines from the first on that have the names of columns.
 _HEADER_LINES = 60
+# Meanings of keys that part drops; numbers of a list that are a column of its own, at least.
+_OF_DROPS = frozenset({"trial", "drop", "number"})
+_LEAST_LISTED = 4
+_NO_VECTORS = frozenset({"height", "time", "interval"})
+# Letters of a text that may name a quantity, at most.
+_LONGEST_NAME = 60
 # Files in an archive that hold tables.
 _TABLES = (".csv", ".txt", ".tsv", ".dat", ".json")
 
@@ -127,7 +143,7 @@ def _sheets(name: str, content: bytes, is_on_disk: bool) -> list[Sheet]:
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
         raise UserError(f"{name}, line {line}", "a null character", "text: letters and numbers")
-    return [_of_text(name, text)]
+    return _of_text(name, text)
 
 
 def _of_mail(content: bytes) -> str:
@@ -184,8 +200,8 @@ def _known_letters(text: str) -> tuple[int, int]:
     return sum(map(len, telling)), sum(map(len, known))
 
 
-def _of_text(name: str, text: str) -> Sheet:
-    """The sheet in a text. Raises UserError for JSON and XML that have no table."""
+def _of_text(name: str, text: str) -> list[Sheet]:
+    """The sheets in a text: one, but for JSON. Raises UserError for JSON that has no table."""
     begin = text.lstrip()[:1]
     if begin in ("{", "["):
         try:
@@ -193,7 +209,7 @@ def _of_text(name: str, text: str) -> Sheet:
             if notebook:
                 return _of_text(name, notebook)
             # The text of a chat is among what it says of itself.
-            return replace(_of_json(name, parse_json(text)), text=text)
+            return _of_json(name, parse_json(text), text)
         except ValueError:
             records = _of_json_lines(text)
             if records:
@@ -203,11 +219,10 @@ def _of_text(name: str, text: str) -> Sheet:
     rows = "),".join(_VALUES.findall(text))
     if rows.count("),") > 1 and _OF_SQL.search(text):
         listed = [one.strip("( )'") for one in re.split(r"\)\s*,", rows)]
-        return Sheet(
-            name, rows_of(name, [*enumerate([",".join(_OF_SQL.findall(text)), *listed], 1)])
-        )
+        lines = [*enumerate([",".join(_OF_SQL.findall(text)), *listed], 1)]
+        return [Sheet(name, rows_of(name, lines))]
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
-    return Sheet(name, rows_of(name, lines), text)
+    return [Sheet(name, rows_of(name, lines), text)]
 
 
 def _of_notebook(content: Any) -> str:
@@ -235,45 +250,143 @@ def _of_json_lines(text: str) -> list[Any]:
     return records
 
 
-def _of_json(name: str, content: Any) -> Sheet:
-    """The sheet in JSON: records, columns, or names beside rows, at any depth.
+def _of_json(name: str, content: Any, text: str = "") -> list[Sheet]:
+    """The sheets in JSON, one for each table at any depth: records, columns, or names beside rows.
 
-    Raises UserError where there is none of these.
+    text: of the whole file, which the first sheet has.
+    Raises UserError where there is no table, and for tables of one header under names of balls.
     """
-    rows = _json_rows(content)
-    if rows is None:
+    tables = list(_json_tables(content, (), ()))
+    if not tables:
         expected = 'records, or columns such as {"time [s]": [0.32, 0.61]}'
         raise UserError(name, "JSON without a table", expected)
-    return Sheet(name, tuple(enumerate(rows, 1)))
+    _require_drops(name, tables)
+    sheets = []
+    for path, rows in tables:
+        called = name if len(tables) == 1 else f"{name}, {sanitized(' '.join(path))}"
+        sheets.append(Sheet(called, tuple(enumerate(rows, 1)), "" if sheets else text))
+    return sheets
 
 
-def _json_rows(content: Any) -> list[tuple[str, ...]] | None:
-    """Rows of text with a header, of what `_of_json` reads; None for other content."""
+def _require_drops(name: str, tables: Sequence[_JsonTable]) -> None:
+    """Raise UserError where tables alike stand under keys that may name balls, such as "steel"."""
+    paths = [path for path, rows in tables if rows[-1] and _header_of(rows) == _header_of(tables[0][1])]
+    for keys in zip(*paths, strict=False):
+        named = [key for key in dict.fromkeys(keys) if not _is_of_drop(key)]
+        if len(set(keys)) > 1 and named:
+            got = f"tables alike under {', '.join(map(repr, named[:3]))}"
+            advice = "Put each ball into a file of its own, or name drops 'drop 1', 'drop 2'"
+            raise UserError(name, got, "drops of one ball", advice)
+
+
+def _header_of(rows: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
+    """The names of columns in rows of JSON: those over the rows that are as wide as the last."""
+    return next(row for row in rows if len(row) == len(rows[-1]))
+
+
+def _is_of_drop(key: str) -> bool:
+    """Say whether a key of JSON tells one drop from another: "drop 2", "run_b", "3"."""
+    return {one for one in meanings_of(key) if not one.isdigit()} <= {*_OF_DROPS, "?"} and (
+        re.search(r"\d", key) is not None or bool(meanings_of(key) & _OF_DROPS)
+    )
+
+
+def _json_tables(
+    content: Any, path: tuple[str, ...], about: tuple[tuple[str, ...], ...]
+) -> Iterator[_JsonTable]:
+    """Tables in JSON, in their order: the keys that lead to each, and its rows of text with a header.
+
+    about: (name, value) of the numbers and texts beside the tables that hold this content.
+    """
     if isinstance(content, list):
-        return _rows_of_list(content)
-    if not isinstance(content, dict) or not content:
-        return None
+        if content and all(map(_holds_tables, content)):
+            for number, one in enumerate(content, 1):
+                yield from _json_tables(one, (*path, str(number)), about)
+        elif rows := _rows_of_list(content):
+            yield path, [*about, *rows]
+        return
+    if not isinstance(content, dict):
+        return
     if isinstance(content.get("columns"), list) and isinstance(content.get("data"), list):
-        return [_texts(content["columns"]), *map(_texts, content["data"])]
-    about = [(str(key), _text(value)) for key, value in content.items() if _is_scalar(value)]
+        yield path, [*about, _texts(content["columns"]), *map(_texts, content["data"])]
+        return
+    scalars = ((str(key), _text(value)) for key, value in content.items() if _is_scalar(value))
+    about = (*about, *scalars)
+    columns = _json_columns(content, path, about)
+    of_drops = len(columns) > 1 and all(map(_is_of_drop, columns))
+    for name, numbers in columns.items() if of_drops else ():
+        header = _quantity_over(path, about) or name
+        yield (*path, name), [*about, (header,), *((_text(one),) for one in numbers)]
+    if columns and not of_drops:
+        rows = itertools.zip_longest(*columns.values(), fillvalue="")
+        yield path, [*about, tuple(columns), *map(_texts, rows)]
+    for key, value in content.items():
+        if _series(value)[1] is not None:
+            continue
+        if _are_lists_of(key, value):
+            for number, numbers in enumerate(value, 1):
+                rows = [(key,), *((_text(one),) for one in numbers)]
+                yield (*path, key, str(number)), [*about, *rows]
+        else:
+            yield from _json_tables(value, (*path, str(key)), about)
+
+
+def _json_columns(
+    content: Mapping[str, Any], path: tuple[str, ...], about: Sequence[tuple[str, ...]]
+) -> dict[str, list[Any]]:
+    """The columns among the values of a record of JSON, by their names with units.
+
+    path: the keys that lead to the record. about: (name, value) beside it.
+    """
     columns = {}
+    # {"apex": {"time_s": [...]}}
+    over = "".join(f"{key} " for key in path if meanings_of(key) & CHANGES)
     for key, value in content.items():
         unit, series = _series(value)
         if series is not None:
-            columns[f"{key} [{unit}]" if unit else str(key)] = series
-    if columns:
-        # {"unit": "s", "times": [...]}: the unit of the only column.
-        unit = next((text for key, text in about if key.lower() in ("unit", "units")), "")
-        if len(columns) == 1 and unit:
-            columns = {f"{key} [{unit}]": series for key, series in columns.items()}
-        length = max(map(len, columns.values()))
-        padded = [[*series, *[""] * (length - len(series))] for series in columns.values()]
-        return [*about, tuple(columns), *map(_texts, zip(*padded, strict=True))]
-    for value in content.values():
-        rows = _json_rows(value) if isinstance(value, (dict, list)) else None
-        if rows is not None:
-            return [*about, *rows]
-    return None
+            # {"heights_cm": [{"values": [...]}, ...]}
+            name = key if meanings_of(key) else _quantity_over(path, about) or key
+            columns[f"{over}{name} [{unit}]" if unit else f"{over}{name}"] = series
+    # {"unit": "s", "times": [...]}: the unit of the only column.
+    unit = next((text for key, text in about if key.lower() in ("unit", "units")), "")
+    if len(columns) == 1 and unit:
+        columns = {f"{key} [{unit}]": series for key, series in columns.items()}
+    return columns
+
+
+def _quantity_over(path: Sequence[str], about: Sequence[tuple[str, ...]]) -> str:
+    """The name of a quantity over a list of JSON: the nearest key that leads to it, or a text beside
+    it, such as "rebound height"; "" for none.
+    """
+    texts = [text for _, text in about if len(text) < _LONGEST_NAME]
+    return next(filter(_names_data, (*reversed(path), *reversed(texts))), "")
+
+
+def _holds_tables(content: Any) -> bool:
+    """Say whether a record of JSON has a table of its own, as that of a drop has: a list of records,
+    or of numbers under the name of a quantity.
+    """
+    if not isinstance(content, dict):
+        return False
+    for key, value in content.items():
+        if isinstance(value, list):
+            found = meanings_of(str(key))
+            is_named = _names_data(key) or not found
+            # Three numbers are a vector of ROS too.
+            least = _LEAST_LISTED - 1 if found & _NO_VECTORS else _LEAST_LISTED
+            is_column = is_named and len(value) >= least and all(map(_is_scalar, value))
+            if is_column or (value and all(isinstance(one, dict) for one in value)):
+                return True
+        elif _holds_tables(value):
+            return True
+    return False
+
+
+def _are_lists_of(key: str, value: Any) -> bool:
+    """Say whether a value of JSON is several lists of numbers of the quantity that its key names."""
+    if not isinstance(value, list) or not _names_data(key):
+        return False
+    return all(isinstance(one, list) and all(map(_is_scalar, one)) for one in value)
 
 
 def _rows_of_list(content: list[Any]) -> list[tuple[str, ...]] | None:
@@ -313,11 +426,17 @@ def _series(value: Any) -> tuple[str, list[Any] | None]:
         return "", None
     if all(str(key).isdigit() for key in value) and all(map(_is_scalar, value.values())):
         return "", [value[key] for key in sorted(value, key=int)]
-    lists = [one for one in value.values() if isinstance(one, list)]
-    if len(lists) == 1 and all(map(_is_scalar, lists[0])):
+    lists = [one for key, one in value.items() if isinstance(one, list) and not _names_data(key)]
+    has_others = any(_names_data(key) for key in value)
+    if len(lists) == 1 and not has_others and all(map(_is_scalar, lists[0])):
         texts = (one for one in value.values() if isinstance(one, str))
         return next((one for one in texts if is_unit(plain_unit(one))), ""), lists[0]
     return "", None
+
+
+def _names_data(key: str) -> bool:
+    """Say whether a key of JSON names a quantity that a column may have."""
+    return role_of(*split_header(str(key))) in QUANTITY_OF
 
 
 def _is_scalar(value: Any) -> bool:
@@ -432,7 +551,7 @@ def _of_archive(name: str, content: bytes) -> list[Sheet]:
             if any(one.startswith(("xl/", "Object")) or one == "content.xml" for one in members):
                 return _of_workbook(name, content)
             if _OF_WORD in members:
-                return [_of_text(name, with_plain_digits(decoded(archive.read(_OF_WORD))))]
+                return _of_text(name, with_plain_digits(decoded(archive.read(_OF_WORD))))
             # phyphox puts what it knows of the device into meta/.
             kept = [
                 one
@@ -442,10 +561,11 @@ def _of_archive(name: str, content: bytes) -> list[Sheet]:
             ]
             if not kept:
                 raise UserError(name, "a zip archive without tables", expected)
-            return [
-                _of_text(f"{name}, {sanitized(one)}", with_plain_digits(decoded(archive.read(one))))
-                for one in kept
-            ]
+            sheets = []
+            for one in kept:
+                text = with_plain_digits(decoded(archive.read(one)))
+                sheets += _of_text(f"{name}, {sanitized(one)}", text)
+            return sheets
     except UserError:
         raise
     except (
