@@ -4,41 +4,28 @@ from __future__ import annotations
 
 import html
 import io
-import itertools
-import math
 import re
-import unicodedata
 import zipfile
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from email import message_from_bytes
 from email.policy import default
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
+from hcbench.fitting.cells import with_plain_digits
 from hcbench.fitting.column_names import (
-    CHANGES,
-    QUANTITY_OF,
     explained,
     is_short_latin,
-    is_unit,
     is_word_of_header,
-    meanings_of,
-    plain_unit,
-    role_of,
-    split_header,
 )
+from hcbench.fitting.json_tables import tables_of_json, text_of_cell
 from hcbench.fitting.separators import Row, rows_of
 from hcbench.system.errors import UserError
 from hcbench.system.files import is_file, parse_json, read_bytes, require_small_archive
 from hcbench.system.text import sanitized
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
-
-    # The keys that lead to a table of JSON, and its rows.
-    _JsonTable = tuple[tuple[str, ...], list[tuple[str, ...]]]
 
 # Largest file that is read, bytes.
 _LARGEST = 16 << 20
@@ -57,12 +44,6 @@ _ENCODINGS = (
     *("cp874", "cp932", "euc_jp", "gb18030", "big5", "cp949", "koi8_r", "cp866", "cp852"),
     *("cp850", "mac_roman"),
 )
-# Arabic signs of decimals, of thousands and between cells; marks of the direction of writing.
-_SIGNS_OF_NUMBERS = {0x66B: ".", 0x66C: "'", 0x61B: ";", 0x60C: ","} | dict.fromkeys(
-    [0x61C, 0x200E, 0x200F, *range(0x202A, 0x202F), *range(0x2066, 0x206A)]
-)
-# Letters and signs as wide as those of Chinese.
-_SIGNS_OF_NUMBERS |= {0xFF00 + i: chr(0x20 + i) for i in range(1, 0x5F)} | {0x3000: " "}
 # Rows of SQL's INSERT in one line, and a column where the table is created.
 _VALUES = re.compile(r"^\s*insert\s+into\b[^(;]*values\s*(.*);\s*$", re.IGNORECASE | re.MULTILINE)
 _OF_SQL = re.compile(
@@ -75,12 +56,6 @@ _BREAK = re.compile(r"(?i)<(?:w:)?(?:/p|/div|br|/h\d|/li|/caption)\b[^>]*>")
 _BARE = re.compile(r"<[^<>]*>")
 # Lines from the first on that have the names of columns.
 _HEADER_LINES = 60
-# Meanings of keys that part drops; numbers of a list that are a column of its own, at least.
-_OF_DROPS = frozenset({"trial", "drop", "number"})
-_LEAST_LISTED = 4
-_NO_VECTORS = frozenset({"height", "time", "interval"})
-# Letters of a text that may name a quantity, at most.
-_LONGEST_NAME = 60
 # Files in an archive that hold tables.
 _TABLES = (".csv", ".txt", ".tsv", ".dat", ".json")
 
@@ -179,17 +154,6 @@ def decoded(raw: bytes) -> str:
         return max((raw.decode(one, errors="replace") for one in _ENCODINGS), key=_known_letters)
 
 
-def with_plain_digits(text: str) -> str:
-    """Text with the digits 0 to 9, and points between them, in place of those of other scripts, and
-    without the marks of the direction of writing.
-    """
-    if text.isascii():
-        return text
-    table = {ord(one): unicodedata.digit(one) for one in set(text) if one.isdecimal()}
-    signs = {at: str(digit) for at, digit in table.items()}
-    return text.translate(signs | _SIGNS_OF_NUMBERS)
-
-
 def _known_letters(text: str) -> tuple[int, int]:
     """Number of letters in words beyond ASCII that names of columns and units have, which a wrong
     encoding lacks: in words that tell, and in short Latin ones, which may come by chance.
@@ -208,7 +172,6 @@ def _of_text(name: str, text: str) -> list[Sheet]:
             notebook = _of_notebook(parse_json(text))
             if notebook:
                 return _of_text(name, notebook)
-            # The text of a chat is among what it says of itself.
             return _of_json(name, parse_json(text), text)
         except ValueError:
             records = _of_json_lines(text)
@@ -237,6 +200,18 @@ def _of_notebook(content: Any) -> str:
     return "\n".join("".join(part) for part in parts)
 
 
+def _of_json(name: str, content: Any, text: str = "") -> list[Sheet]:
+    """The sheets in JSON, one for each table at any depth.
+
+    text: of the whole file, which the first sheet has: the text of a chat is among what it says of
+    itself. Raises UserError as `tables_of_json`.
+    """
+    sheets: list[Sheet] = []
+    for called, rows in tables_of_json(name, content):
+        sheets.append(Sheet(called, tuple(enumerate(rows, 1)), "" if sheets else text))
+    return sheets
+
+
 def _of_json_lines(text: str) -> list[Any]:
     """A record in each line of a text; empty where one is none."""
     records = []
@@ -248,212 +223,6 @@ def _of_json_lines(text: str) -> list[Any]:
         except ValueError:
             return []
     return records
-
-
-def _of_json(name: str, content: Any, text: str = "") -> list[Sheet]:
-    """The sheets in JSON, one for each table at any depth: records, columns, or names beside rows.
-
-    text: of the whole file, which the first sheet has.
-    Raises UserError where there is no table, and for tables of one header under names of balls.
-    """
-    tables = list(_json_tables(content, (), ()))
-    if not tables:
-        expected = 'records, or columns such as {"time [s]": [0.32, 0.61]}'
-        raise UserError(name, "JSON without a table", expected)
-    _require_drops(name, tables)
-    sheets = []
-    for path, rows in tables:
-        called = name if len(tables) == 1 else f"{name}, {sanitized(' '.join(path))}"
-        sheets.append(Sheet(called, tuple(enumerate(rows, 1)), "" if sheets else text))
-    return sheets
-
-
-def _require_drops(name: str, tables: Sequence[_JsonTable]) -> None:
-    """Raise UserError where tables alike stand under keys that may name balls, such as "steel"."""
-    paths = [path for path, rows in tables if rows[-1] and _header_of(rows) == _header_of(tables[0][1])]
-    for keys in zip(*paths, strict=False):
-        named = [key for key in dict.fromkeys(keys) if not _is_of_drop(key)]
-        if len(set(keys)) > 1 and named:
-            got = f"tables alike under {', '.join(map(repr, named[:3]))}"
-            advice = "Put each ball into a file of its own, or name drops 'drop 1', 'drop 2'"
-            raise UserError(name, got, "drops of one ball", advice)
-
-
-def _header_of(rows: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
-    """The names of columns in rows of JSON: those over the rows that are as wide as the last."""
-    return next(row for row in rows if len(row) == len(rows[-1]))
-
-
-def _is_of_drop(key: str) -> bool:
-    """Say whether a key of JSON tells one drop from another: "drop 2", "run_b", "3"."""
-    return {one for one in meanings_of(key) if not one.isdigit()} <= {*_OF_DROPS, "?"} and (
-        re.search(r"\d", key) is not None or bool(meanings_of(key) & _OF_DROPS)
-    )
-
-
-def _json_tables(
-    content: Any, path: tuple[str, ...], about: tuple[tuple[str, ...], ...]
-) -> Iterator[_JsonTable]:
-    """Tables in JSON, in their order: the keys that lead to each, and its rows of text with a header.
-
-    about: (name, value) of the numbers and texts beside the tables that hold this content.
-    """
-    if isinstance(content, list):
-        if content and all(map(_holds_tables, content)):
-            for number, one in enumerate(content, 1):
-                yield from _json_tables(one, (*path, str(number)), about)
-        elif rows := _rows_of_list(content):
-            yield path, [*about, *rows]
-        return
-    if not isinstance(content, dict):
-        return
-    if isinstance(content.get("columns"), list) and isinstance(content.get("data"), list):
-        yield path, [*about, _texts(content["columns"]), *map(_texts, content["data"])]
-        return
-    scalars = ((str(key), _text(value)) for key, value in content.items() if _is_scalar(value))
-    about = (*about, *scalars)
-    columns = _json_columns(content, path, about)
-    of_drops = len(columns) > 1 and all(map(_is_of_drop, columns))
-    for name, numbers in columns.items() if of_drops else ():
-        header = _quantity_over(path, about) or name
-        yield (*path, name), [*about, (header,), *((_text(one),) for one in numbers)]
-    if columns and not of_drops:
-        rows = itertools.zip_longest(*columns.values(), fillvalue="")
-        yield path, [*about, tuple(columns), *map(_texts, rows)]
-    for key, value in content.items():
-        if _series(value)[1] is not None:
-            continue
-        if _are_lists_of(key, value):
-            for number, numbers in enumerate(value, 1):
-                rows = [(key,), *((_text(one),) for one in numbers)]
-                yield (*path, key, str(number)), [*about, *rows]
-        else:
-            yield from _json_tables(value, (*path, str(key)), about)
-
-
-def _json_columns(
-    content: Mapping[str, Any], path: tuple[str, ...], about: Sequence[tuple[str, ...]]
-) -> dict[str, list[Any]]:
-    """The columns among the values of a record of JSON, by their names with units.
-
-    path: the keys that lead to the record. about: (name, value) beside it.
-    """
-    columns = {}
-    # {"apex": {"time_s": [...]}}
-    over = "".join(f"{key} " for key in path if meanings_of(key) & CHANGES)
-    for key, value in content.items():
-        unit, series = _series(value)
-        if series is not None:
-            # {"heights_cm": [{"values": [...]}, ...]}
-            name = key if meanings_of(key) else _quantity_over(path, about) or key
-            columns[f"{over}{name} [{unit}]" if unit else f"{over}{name}"] = series
-    # {"unit": "s", "times": [...]}: the unit of the only column.
-    unit = next((text for key, text in about if key.lower() in ("unit", "units")), "")
-    if len(columns) == 1 and unit:
-        columns = {f"{key} [{unit}]": series for key, series in columns.items()}
-    return columns
-
-
-def _quantity_over(path: Sequence[str], about: Sequence[tuple[str, ...]]) -> str:
-    """The name of a quantity over a list of JSON: the nearest key that leads to it, or a text beside
-    it, such as "rebound height"; "" for none.
-    """
-    texts = [text for _, text in about if len(text) < _LONGEST_NAME]
-    return next(filter(_names_data, (*reversed(path), *reversed(texts))), "")
-
-
-def _holds_tables(content: Any) -> bool:
-    """Say whether a record of JSON has a table of its own, as that of a drop has: a list of records,
-    or of numbers under the name of a quantity.
-    """
-    if not isinstance(content, dict):
-        return False
-    for key, value in content.items():
-        if isinstance(value, list):
-            found = meanings_of(str(key))
-            is_named = _names_data(key) or not found
-            # Three numbers are a vector of ROS too.
-            least = _LEAST_LISTED - 1 if found & _NO_VECTORS else _LEAST_LISTED
-            is_column = is_named and len(value) >= least and all(map(_is_scalar, value))
-            if is_column or (value and all(isinstance(one, dict) for one in value)):
-                return True
-        elif _holds_tables(value):
-            return True
-    return False
-
-
-def _are_lists_of(key: str, value: Any) -> bool:
-    """Say whether a value of JSON is several lists of numbers of the quantity that its key names."""
-    if not isinstance(value, list) or not _names_data(key):
-        return False
-    return all(isinstance(one, list) and all(map(_is_scalar, one)) for one in value)
-
-
-def _rows_of_list(content: list[Any]) -> list[tuple[str, ...]] | None:
-    """Rows of records, of lists, or of numbers alone; None for anything else."""
-    if content and all(isinstance(one, dict) for one in content):
-        flat = list(map(_flat, content))
-        names = list(dict.fromkeys(name for record in flat for name in record))
-        return [
-            tuple(names),
-            *(tuple(_text(record.get(name)) for name in names) for record in flat),
-        ]
-    if content and all(isinstance(one, list) for one in content):
-        return list(map(_texts, content))
-    if content and all(map(_is_scalar, content)):
-        return [(_text(one),) for one in content]
-    return None
-
-
-def _flat(record: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    """A record with the names of nested ones joined by points."""
-    found: dict[str, Any] = {}
-    for key, value in record.items():
-        if isinstance(value, Mapping):
-            found |= _flat(value, f"{before}{key}.")
-        elif isinstance(value, list):
-            found |= {f"{before}{key}[{i}]": one for i, one in enumerate(value)}
-        else:
-            found[f"{before}{key}"] = value
-    return found
-
-
-def _series(value: Any) -> tuple[str, list[Any] | None]:
-    """The unit and the numbers of a column in JSON: a list, numbers by row, or a record of both."""
-    if isinstance(value, list) and value and all(map(_is_scalar, value)):
-        return "", value
-    if not isinstance(value, dict) or not value:
-        return "", None
-    if all(str(key).isdigit() for key in value) and all(map(_is_scalar, value.values())):
-        return "", [value[key] for key in sorted(value, key=int)]
-    lists = [one for key, one in value.items() if isinstance(one, list) and not _names_data(key)]
-    has_others = any(_names_data(key) for key in value)
-    if len(lists) == 1 and not has_others and all(map(_is_scalar, lists[0])):
-        texts = (one for one in value.values() if isinstance(one, str))
-        return next((one for one in texts if is_unit(plain_unit(one))), ""), lists[0]
-    return "", None
-
-
-def _names_data(key: str) -> bool:
-    """Say whether a key of JSON names a quantity that a column may have."""
-    return role_of(*split_header(str(key))) in QUANTITY_OF
-
-
-def _is_scalar(value: Any) -> bool:
-    return value is None or isinstance(value, (str, int, float))
-
-
-def _text(value: Any) -> str:
-    """A value as a cell's text."""
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return ""
-    if isinstance(value, float):
-        return repr(float(value))
-    return with_plain_digits(str(value))
-
-
-def _texts(values: Sequence[Any]) -> tuple[str, ...]:
-    return tuple(map(_text, values))
 
 
 def _of_markup(text: str) -> str:
@@ -500,7 +269,7 @@ def _of_workbook(name: str, content: bytes) -> list[Sheet]:
     for title, frame in frames.items():
         rows = []
         for number, values in enumerate(frame.itertuples(index=False, name=None), 1):
-            cells = tuple(_text(value).strip() for value in values)
+            cells = tuple(text_of_cell(value).strip() for value in values)
             if any(cells):
                 rows.append((number, cells))
         called = name if len(frames) == 1 else f"{name}, {sanitized(str(title).strip())}"
