@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.fitting.estimate import alpha_of, fit_law
+from hcbench.fitting.flight import DIAMETER_OF_LIGHTEST, LIGHTEST
 from hcbench.fitting.setup import Known
 from hcbench.fitting.which_law import LAWS, ODDS_TO_TELL, PLAIN, WITH_E0, laws_left
 
@@ -23,11 +24,9 @@ if TYPE_CHECKING:
     from hcbench.fitting.linear import LawFit
     from hcbench.terms.impact import Floats
 
-# Masses, kg, of balls of 40 mm: of table tennis, and of solid rubber.
-_LIGHTEST = 2.7e-3
+# Mass, kg, of a ball of solid rubber as large as the lightest one.
 _HEAVIEST = 30e-3
 _HALVINGS = 3
-_DIAMETER = 40e-3
 # ln of the prior odds of such a ball against one that is heavy for its size.
 _LIGHT = math.log(0.1)
 # s/m: the air of a table tennis ball adds 0.006 to 0.014 to α; a constant e in air seems no larger α.
@@ -70,10 +69,10 @@ def rivals_in_air(
     least = max(fit.log_evidence for fit in fits.values()) - math.log(ODDS_TO_TELL)
 
     def in_air(law: str, mass: float) -> LawFit:
-        ball = replace(sets[0].setup, mass=Known(mass), diameter=Known(_DIAMETER))
+        ball = replace(sets[0].setup, mass=Known(mass), diameter=Known(DIAMETER_OF_LIGHTEST))
         return fit_law(LAWS[law], [s.with_setup(ball) for s in sets], reference, widths)
 
-    masses, constant = [_LIGHTEST], None
+    masses, constant = [LIGHTEST], None
     if is_constant or alpha < _MOST_OF_CONSTANT:
         log_mass, constant = _likeliest_mass(lambda mass: in_air("constant", mass))
         masses.append(math.exp(log_mass))
@@ -97,14 +96,14 @@ def _likeliest_mass(fitted: Callable[[float], LawFit]) -> tuple[float, LawFit]:
     fitted: the fit with a ball of a mass, kg.
     """
     tried: dict[float, LawFit] = {}
-    for x in np.linspace(math.log(_LIGHTEST), math.log(_HEAVIEST), 4).tolist():
+    for x in np.linspace(math.log(LIGHTEST), math.log(_HEAVIEST), 4).tolist():
         tried[x] = fitted(math.exp(x))
-    step = math.log(_HEAVIEST / _LIGHTEST) / 3.0
+    step = math.log(_HEAVIEST / LIGHTEST) / 3.0
     for _ in range(_HALVINGS):
         step *= 0.5
         best = max(tried, key=lambda x: tried[x].log_evidence)
         for x in (best - step, best + step):
-            if math.log(_LIGHTEST) <= x <= math.log(_HEAVIEST):
+            if math.log(LIGHTEST) <= x <= math.log(_HEAVIEST):
                 tried[x] = fitted(math.exp(x))
     best = max(tried, key=lambda x: tried[x].log_evidence)
     return best, tried[best]

@@ -47,6 +47,14 @@ _EPOCH = 719163
 _EXPONENT_SIGNS = str.maketrans("dD−", "eE-")
 
 
+# Arabic signs of decimals, of thousands and between cells; marks of the direction of writing.
+_SIGNS_OF_NUMBERS = {0x66B: ".", 0x66C: "'", 0x61B: ";", 0x60C: ","} | dict.fromkeys(
+    [0x61C, 0x200E, 0x200F, *range(0x202A, 0x202F), *range(0x2066, 0x206A)]
+)
+# Letters and signs as wide as those of Chinese.
+_SIGNS_OF_NUMBERS |= {0xFF00 + i: chr(0x20 + i) for i in range(1, 0x5F)} | {0x3000: " "}
+
+
 @dataclass(frozen=True, slots=True)
 class NumberCell:
     """A cell that has a number: its value, standard uncertainty (NaN for none) and unit ("")."""
@@ -312,3 +320,14 @@ def _says_thousands(text: str, thousands: str, decimal: str) -> bool:
     if thousands in text and decimal in text:
         return True
     return re.fullmatch(r"\s*[-+]?[1-9]\d{2,}\s*", text) is not None
+
+
+def with_plain_digits(text: str) -> str:
+    """Text with the digits 0 to 9, and points between them, in place of those of other scripts, and
+    without the marks of the direction of writing.
+    """
+    if text.isascii():
+        return text
+    table = {ord(one): unicodedata.digit(one) for one in set(text) if one.isdecimal()}
+    signs = {at: str(digit) for at, digit in table.items()}
+    return text.translate(signs | _SIGNS_OF_NUMBERS)

@@ -81,6 +81,7 @@ _OF_FILES = ("frequency", "unit of length", "unit of time", "units", "dimension 
 _OF_TEXTS = (
     *("gravity", "tilt", "camera", "track", "throw", "left out", "moving plate"),
     *("support", "moving", "shaker", "driven ball"),
+    *("stairs", "other motion", "rolled off", "begun anew", "each"),
 )
 # Roles: the meanings that a name must have, and those that it may have besides.
 _EVENTS = {"touch", "bounce"}
@@ -142,6 +143,10 @@ _BESIDE = {
     *("number", "trial", "beside", "vertical", "bounce", "touch", "drop", "mean", "before"),
     *("frame", "sample"),
 }
+# Meanings of words that make another quantity of what they stand before.
+CHANGES = {"changed", "peak", "upper edge"}
+# Meanings of names that tell drops apart.
+_OF_DROPS = {"trial", "drop", "number"}
 # Quantities that units of columns are of.
 QUANTITIES_OF_COLUMNS = ("time", "position", "speed", "force", "energy")
 # Units of a picture, which a scale turns into lengths.
@@ -457,6 +462,14 @@ def numbers_bounces(name: str) -> bool:
     """Say whether a name tells of the numbers of bounces or touches, and of nothing else."""
     found = meanings_of(name)
     return bool(found & {"bounce", "touch"}) and found <= {"number", "bounce", "touch"}
+
+
+def tells_drops_apart(name: str) -> bool:
+    """Say whether a name tells one drop from another: "drop 2", "run_b", "3"."""
+    found = meanings_of(name)
+    has_number = any(one.isdigit() for one in found)
+    words = {one for one in found if not one.isdigit()}
+    return words <= {*_OF_DROPS, "?"} and (has_number or bool(words & _OF_DROPS))
 
 
 def is_group(name: str) -> bool:

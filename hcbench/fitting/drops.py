@@ -21,7 +21,7 @@ from hcbench.fitting.column_names import (
 from hcbench.fitting.table import cell_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from hcbench.fitting.table import Table
 
@@ -125,37 +125,52 @@ def _series(table: Table, quantity: str, at: int, rows: Rows) -> tuple[str, str]
 
 
 def _one_below_the_other(table: Table) -> list[Table]:
-    """The drops of a table of times or heights, where a line between rows, or a column that numbers
-    the drops, parts them and the readings begin again; the table alone where none do.
+    """The drops of a table of times or heights, where the readings begin again after a line between
+    rows, in another row of a column that numbers the drops, or where the bounces are counted anew; the
+    table alone where none do.
     """
     roles = {role_of(*name) for name in table.header}
-    if len(roles & QUANTITY_OF.keys()) == 0 or roles & _OF_PAIRS:
+    # Rebounds alone are heights of one bounce after the other.
+    is_of_pairs = bool(roles & (_OF_PAIRS - {"height_out"}))
+    if len(roles & QUANTITY_OF.keys()) == 0 or is_of_pairs:
         return [table]
-    texts = [table.texts(at) for at in range(len(table.header))]
-    drops = [texts[at] for at in range(len(texts)) if _numbers_drops(table, at)]
+    texts = [_filled(table.texts(at)) for at in range(len(table.header))]
+    drops = [at for at in range(len(texts)) if _numbers_drops(table.header[at], texts[at])]
+    bounces = [
+        at for at, (name, unit) in enumerate(table.header) if numbers_bounces(name) and not unit
+    ]
     starts = [0]
     # Records of several lines, and files with an empty line after each, have no wider gaps.
     usual = float(np.median(np.diff(table.lines))) if len(table.lines) > 1 else 1.0
     for i in range(1, len(table.cells)):
-        is_parted = table.lines[i] - table.lines[i - 1] > usual or any(
-            each[i] != each[i - 1] for each in drops
-        )
-        if is_parted and _begins_again(table, starts[-1], i):
+        is_parted = table.lines[i] - table.lines[i - 1] > usual
+        is_other = any(texts[at][i] != texts[at][i - 1] for at in drops)
+        is_anew = any(texts[at][i] == texts[at][0] != texts[at][i - 1] for at in bounces)
+        if (is_parted or is_other or is_anew) and _begins_again(table, starts[-1], i):
             starts.append(i)
     if len(starts) == 1:
         return [table]
     # The column that numbered the drops has done its work.
-    kept = [at for at in range(len(texts)) if texts[at] not in drops]
+    kept = [at for at in range(len(texts)) if at not in drops]
     header = [table.header[at] for at in kept]
     rows = _rows(table, kept)
     parts = itertools.pairwise([*starts, len(rows)])
     return [_drop(table, k, header, rows[begin:end]) for k, (begin, end) in enumerate(parts, 1)]
 
 
-def _numbers_drops(table: Table, at: int) -> bool:
-    """Say whether a column has one number, or name, for the rows of each drop."""
-    name, unit = table.header[at]
-    runs = [len(list(group)) for _, group in itertools.groupby(table.texts(at))]
+def _filled(texts: Sequence[str]) -> list[str]:
+    """Cells, with that above in place of an empty one: a merged cell has its text in the first row."""
+    filled: Iterator[str] = itertools.accumulate(texts, lambda above, text: text or above)
+    return list(filled)
+
+
+def _numbers_drops(header: tuple[str, str], texts: Sequence[str]) -> bool:
+    """Say whether a column has one number, or name, for the rows of each drop.
+
+    header: its name and unit. texts: its cells, none empty below another.
+    """
+    name, unit = header
+    runs = [len(list(group)) for _, group in itertools.groupby(texts)]
     is_named = bool(meanings_of(name)) and meanings_of(name) <= {"number", "trial", "drop"}
     return is_named and not unit and len(runs) > 1 and min(runs) >= LEAST_ROWS
 

@@ -1,4 +1,6 @@
-"""Facts of a fall that a file tells beside its numbers: another gravity, a tilt, a moving plate, a push."""
+"""Facts of a fall that a file tells beside its numbers: another gravity, a tilt, a moving plate, a push,
+stairs, another ball each time.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
 
 _NUMBER = r"[-+−]?(?:\d+(?:[.,]\d+)?|\.\d+)(?:e[-+]?\d+)?(?![.,]?\d)"
 _NEXT = rf"\s*[\s,;]\s*(?:\"?[xyz]\"?\s*[:=]\s*|-\s+)?{_NUMBER}"
+# Where a word begins: Chinese and Japanese part no words by blanks.
+_BEGIN = r"(?:(?<![^\W\d_])|(?<=[\u3040-\u9fff]))"
 # "m/s^2", "m/s²", "m s-2", "m_s2", "mps2", "N/kg", in lower case.
 _LENGTHS = {"m": 1.0, "м": 1.0, "n": 1.0, "cm": 1e-2, "см": 1e-2, "mm": 1e-3, "ft": 0.3048}
 _UNIT = rf"({'|'.join(_LENGTHS)})[\s/_·*.p]*(?:(?:sec|s|с)[\s^*_]*[-−]?2|kg)"
@@ -39,6 +43,10 @@ _PAIRS = "Give pairs of speeds before and after the impact, relative to the plat
 _TO_PLATE = f"{_PAIRS}, and write 'speeds relative to the plate'"
 _RELATIVE = re.compile(r"speeds?\b[^.\n]*\brelative to the (?:plate|platform|table)")
 _FREE = "Record a ball that nothing drives, or give pairs of speeds before and after the impact"
+_ONE_FLOOR = "Write the bounces on one floor alone, without this sentence"
+_EACH_ALONE = (
+    "Give the height of the drop and of the rebound in each row, or leave the sentence out"
+)
 # Other facts: the units of their numbers, what was expected, and advice.
 _FACTS = {
     "tilt": (r"°|º|deg\w*|gra[du]\w*|度", "a vertical fall", _ALONG),
@@ -52,9 +60,21 @@ _FACTS = {
     "throw": (r"k?m/[sh]|mph|ft/s|[cm]m/s|м/с", "a fall from rest", _PAIRS),
     "moving plate": (r"k?m/[sh]|ft/s|[cm]m/s|hz|м/с|гц", "a plate at rest", _TO_PLATE),
     "driven ball": ("", "free bounces", _FREE),
+    "stairs": ("", "bounces on one level floor", _ONE_FLOOR),
+    "other motion": (
+        "",
+        "a ball that bounces",
+        "Leave the sentence out if the numbers are a ball's",
+    ),
+    "rolled off": ("", "bounces on one level floor", f"{_ONE_FLOOR}, up to the last one there"),
+    "begun anew": ("", "successive bounces of one drop", _EACH_ALONE),
 }
+# Of this a word for "each" must stand in the same sentence: a ball is caught in the end, too.
+_EACH_TIME = "begun anew"
+# Facts of which a refusal shows the whole line.
+_SENTENCES = ("stairs", "other motion", "rolled off", _EACH_TIME)
 # Facts that words about them may deny: "not dribbled".
-_DENIED = ("driven ball", "upper edge")
+_DENIED = ("driven ball", "upper edge", *_SENTENCES)
 # Words between a support and its motion, and between its motion and it: "is slowly moving",
 # "vibrating steel plate".
 _IS = r"(?:is|was|were|are|being|been|has|itself|wird|wurde|ist|war|est|etait|era|es|e|\w+ly)"
@@ -73,6 +93,10 @@ _NOT_AFTER = re.compile(
     # A table of a data base.
     r"|(?<=table moves )\()"
 )
+# "rolled off at the end"
+_AT_THE_END = re.compile(
+    r"[^.,;\n]{0,24}?\b(?:(?:at|in) the end|after the last|am ende|zum schluss|a la fin|al final|alla fine)\b"
+)
 
 
 def require_usual_fall(
@@ -86,7 +110,12 @@ def require_usual_fall(
     falls = is_open and (is_dropped or any(data.needs_gravity for _, data in found))
     counts = dict.fromkeys(("gravity", "tilt", "track"), falls)
     counts["throw"] = is_dropped or setup.height is not None
+    # Pairs may be of any impact, one by one.
     counts["driven ball"] = any(data.needs_gravity for _, data in found)
+    for fact in ("stairs", "other motion", "rolled off"):
+        counts[fact] = counts["driven ball"]
+    # Several drops are begun anew each.
+    counts["begun anew"] = counts["driven ball"] and len(found) == 1
     # A track may be of any point of the ball.
     counts["upper edge"] = is_dropped or any(data.kind == "heights" for _, data in found)
     # Bounces that are numbered may be left out.
@@ -119,18 +148,28 @@ def _said(text: str, gravity: float) -> Iterator[tuple[str, str]]:
     for fact in _FACTS:
         if any(word in text for word in words_of_texts(fact)):
             for match in _pattern(fact).finditer(text):
-                if fact not in _DENIED or not _is_denied(match):
-                    yield fact, match[0].strip()
+                after = _AT_THE_END if fact in _SENTENCES else _NOT_AFTER
+                if fact not in _DENIED or not _is_denied(match, after):
+                    yield fact, _line_of(match) if fact in _SENTENCES else match[0].strip()
     moves = (*words_of_texts("moving"), "moved", *words_of_texts("shaker"))
     for match in _moving_plate().finditer(text) if any(word in text for word in moves) else ():
-        if not _is_denied(match):
+        if not _is_denied(match, _NOT_AFTER):
             yield "moving plate", match[0]
 
 
-def _is_denied(match: re.Match[str]) -> bool:
-    """Say whether the words around a match deny it: "no shaker", "shaker off"."""
+def _line_of(match: re.Match[str]) -> str:
+    """The line of a text in which a match stands, without the marks of a comment."""
+    begin = match.string.rfind("\n", 0, match.start()) + 1
+    return match.string[begin:].partition("\n")[0].strip('#%/!; \t"{},')
+
+
+def _is_denied(match: re.Match[str], after: re.Pattern[str]) -> bool:
+    """Say whether the words around a match deny it: "no shaker", "shaker off".
+
+    after: words behind the match that do.
+    """
     before = _NOT_BEFORE.search(match.string[: match.start()].rpartition("\n")[2])
-    return bool(before or _NOT_AFTER.match(match.string, match.end()))
+    return bool(before or after.match(match.string, match.end()))
 
 
 @cache
@@ -167,13 +206,16 @@ def _of_cameras() -> re.Pattern[str]:
 def _pattern(fact: str) -> re.Pattern[str]:
     """The form of a fact: one of its words, and a number that is not 0 with a unit."""
     words = "|".join(sorted(map(re.escape, words_of_texts(fact)), key=len, reverse=True))
-    words = rf"(?<!specific )(?<!of )(?<![^\W\d_])(?:{words})"
+    words = rf"(?<!specific )(?<!of ){_BEGIN}(?:{words})"
     if fact == "gravity":
         return re.compile(rf"(?:{words}\w*?|{_LETTER}){_GRAVITY}", re.MULTILINE)
     unit = _FACTS[fact][0]
     number = rf"(?=[-+−.,0]*[1-9]){_NUMBER}"
     before = rf"[\[(_]\s*(?:{unit})\s*[\])]?[\s=:,;|\"]*{number}"
     after = rf"{number}\s*(?:{unit})(?!\w)"
+    if fact == _EACH_TIME:
+        each = rf"{_BEGIN}(?:{'|'.join(map(re.escape, words_of_texts('each')))})"
+        return re.compile(rf"{words}[^.;\n]*?{each}|{each}[^.;\n]*?{words}")
     both = rf"{words}[^\d\n]*?(?:{before}|{after})|(?<![\w.,]){after}[^\d\n]*{words}"
     return re.compile(both if unit else words)
 

@@ -21,6 +21,11 @@ AIR_DENSITY = 1.204
 # Drag of a sphere at Reynolds numbers from 1e3 to 1e5.
 DRAG_COEFFICIENT = 0.47
 DRAG_COEFFICIENT_UNCERTAINTY = 0.05
+# The lightest ball that a user need not give: of table tennis, kg and m.
+LIGHTEST = 2.7e-3
+DIAMETER_OF_LIGHTEST = 40e-3
+# Newton's steps from a flight's time to its launch: 1e-12 of a balloon's.
+_STEPS_TO_LAUNCH = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +46,15 @@ class Ballistics:
         u = launch * math.sqrt(self.drag)
         time = (math.atan(u) + math.asinh(u)) / (self.gravity * math.sqrt(self.drag))
         return time, (1.0 / (1.0 + u * u) + 1.0 / math.sqrt(1.0 + u * u)) / self.gravity
+
+    def launch(self, time: float) -> float:
+        """Launch speed, m/s, of a flight that lasts so long, s, up to the next touch."""
+        speed = 0.5 * self.gravity * time
+        # A flight grows ever more slowly with its launch: each step of Newton's stays below the root.
+        for _ in range(_STEPS_TO_LAUNCH if self.drag else 0):
+            now, slope = self.aloft(speed)
+            speed += (time - now) / slope
+        return speed
 
     def touch(self, launch: float) -> tuple[float, float]:
         """Speed at the next touch, m/s, and its derivative by the launch speed (m/s)."""

@@ -19,6 +19,7 @@ import numpy as np
 
 from hcbench.fitting.cells import counts
 from hcbench.fitting.column_names import (
+    CHANGES,
     QUANTITY_OF,
     is_beside,
     is_unit,
@@ -27,6 +28,7 @@ from hcbench.fitting.column_names import (
     plain_unit,
     role_of,
     split_header,
+    tells_drops_apart,
 )
 from hcbench.fitting.separators import listed_names
 
@@ -77,8 +79,6 @@ _OF_PROGRAMS = re.compile(
 )
 # Roles of columns that a rate turns into times.
 _COUNTED = ("frame", "sample")
-# Meanings of words that make another quantity of what they stand before.
-_CHANGES = {"changed", "peak", "upper edge"}
 _OPENING = tuple("=:([{")
 _ARROW = re.compile(r"(?:->|=>|→)\s*$")
 # Letters before a list that may have its name.
@@ -299,7 +299,7 @@ def _named(lines: Sequence[str]) -> Iterator[list[_Named]]:
         whole.append(_plain(_repeated(befores)))
         words = _phrase(whole[i], _unit_after(befores[0], places[0][2]))
         if i in clocks:
-            is_changed = meanings_of(places[0][2]) & _CHANGES
+            is_changed = meanings_of(places[0][2]) & CHANGES
             words = words if role_of(words) else of_clocks[min(clocks.index(i), 1)]
             words = "other" if is_changed else words
         elif meanings_of(words) or not name:
@@ -361,7 +361,7 @@ def _phrase(words: str, unit: str) -> str:
     words = re.sub(r"^\w+ (?:name|label|title|key) = ", "", words)
     signs = [match.end() for match in re.finditer(r"[\]):;,]\s", words)]
     # "lost, height"
-    signs = [at for at in signs if not meanings_of(words[:at]) & _CHANGES]
+    signs = [at for at in signs if not meanings_of(words[:at]) & CHANGES]
     ways = [words[at:].strip() for at in (0, *signs)]
     headers = {way: f"{way} [{unit}]" if unit else way for way in ways}
     known = (way for way in ways if role_of(*split_header(headers[way])) or is_beside(way))
@@ -377,8 +377,39 @@ def _plain(text: str) -> str:
 def _of_lists(text: str) -> _Columns:
     """Columns of the lists of numbers in a text: those with the same signs between one and the next,
     such as "[0.32, 0.61]", "- 0.32" in lines, or "320 * ms," in Go.
+
+    A name that comes again begins another drop: a column "drop" then has the drop of each row.
+    Nothing is read where other words tell such lists apart, as those of two balls.
     """
-    columns: dict[str, list[str]] = {}
+    drops: list[dict[str, list[str]]] = [{}]
+    for label, own, numbers in _named_lists(text):
+        # The name of all may be too far above.
+        is_of_drop = tells_drops_apart(label)
+        name = own or (next(iter(drops[0]), "") if is_of_drop else "")
+        if not name:
+            continue
+        if name in drops[-1]:
+            if label and not is_of_drop:
+                return _Columns()
+            drops.append({})
+        drops[-1][name] = numbers
+    names = tuple(drops[0])
+    if any(tuple(drop) != names for drop in drops):
+        return _Columns()
+    rows: list[Row] = []
+    for number, drop in enumerate(drops, 1):
+        of_drop = (str(number),) if len(drops) > 1 else ()
+        padded = itertools.zip_longest(*drop.values(), fillvalue="")
+        rows += [(1, (*of_drop, *row)) for row in padded]
+    # The rate of frames and samples stands somewhere else in the text.
+    is_counted = any(role_of(name) in _COUNTED for name in names)
+    others = [line for line in text.splitlines() if len(_IN_LIST.findall(line)) < _LEAST]
+    about = [(1, (line,)) for line in others] if is_counted else []
+    return _Columns((*(["drop"] if len(drops) > 1 else []), *names), tuple(rows), tuple(about))
+
+
+def _named_lists(text: str) -> Iterator[tuple[str, str, list[str]]]:
+    """Each list of numbers in a text, after the word before it and the name there, as of `_name_of`."""
     found = list(_IN_LIST.finditer(text))
     gaps = [
         _BETWEEN.sub(" ", text[a.end() : b.start()]).strip() for a, b in itertools.pairwise(found)
@@ -399,17 +430,8 @@ def _of_lists(text: str) -> _Columns:
             continue
         # Up to the next name in the line.
         after = re.split(r"[\n:]", text[found[at].end() : found[at].end() + _BEFORE], maxsplit=1)[0]
-        name = _name_of(before[-_BEFORE:], f"{gap.replace('.', ' ')} {after}")
-        if name:
-            columns.setdefault(name, numbers[period - 1 :: period])
-    count = max(map(len, columns.values()), default=0)
-    padded = [[*numbers, *[""] * (count - len(numbers))] for numbers in columns.values()]
-    # The rate of frames and samples stands somewhere else in the text.
-    is_counted = any(role_of(name) in _COUNTED for name in columns)
-    others = [line for line in text.splitlines() if len(_IN_LIST.findall(line)) < _LEAST]
-    about = [(1, (line,)) for line in others] if is_counted else []
-    rows = tuple((1, row) for row in zip(*padded, strict=True))
-    return _Columns(tuple(columns), rows, tuple(about))
+        label, name = _name_of(before[-_BEFORE:], f"{gap.replace('.', ' ')} {after}")
+        yield label, name, numbers[period - 1 :: period]
 
 
 def _runs(gaps: Sequence[str], period: int) -> Iterator[tuple[int, int, int]]:
@@ -429,27 +451,30 @@ def _without_types(text: str) -> str:
     return " ".join(word for word in _WORD.findall(text) if not _OF_PROGRAMS.fullmatch(word))
 
 
-def _name_of(before: str, after: str) -> str:
-    """The last name of a column before a list, with a unit that stands near it; "" for none, or where
-    the last name is of something else, such as heights lost.
+def _name_of(before: str, after: str) -> tuple[str, str]:
+    """The word between a list and the last name of a column before it, such as "drop 2", and that name
+    with a unit that stands near it; "" for none, or where the last name is of something else, such as
+    heights lost.
     """
     *_, line = before.splitlines()
-    if meanings_of(_without_types(line)) & _CHANGES:
-        return ""
+    if meanings_of(_without_types(line)) & CHANGES:
+        return "", ""
     plain = re.sub(r"\(|<[^<>\n]*>", " ", before).replace("#", ":")
     phrases = map(_without_types, _SIGNS.split(plain)[::-1])
+    label = ""
     for phrase in filter(None, phrases):
         name, unit = split_header(phrase)
         role = role_of(name, unit)
         if role in _COUNTED:
-            return name
+            return label, name
         if role in QUANTITY_OF:
             # Of several lists, each has its unit after it.
             near = [*re.findall(r"[^\W\d_][\w/]*", after), *reversed(_WORD.findall(before))]
             found = (one for one in near if is_unit_of(plain_unit(one), QUANTITY_OF[role]))
             unit = unit or next(found, "")
-            return f"{name} [{unit}]" if unit else name
+            return label, f"{name} [{unit}]" if unit else name
+        label = label or phrase
         known = {one for one in meanings_of(name) if one != "?" and not one.isdigit()}
         if known - {"group"} and not is_beside(name):
             break
-    return ""
+    return label, ""

@@ -131,13 +131,14 @@ def read_datasets(
         raise UserError(slot, f"given for {path.name}, which is not a recording", "a .wav")
     sheets = read_sheets(path)
     found, refused = _read(sheets, setup, kind)
-    if not found:
-        # No table: the numbers may stand between words.
+    if refused:
+        # No table, or not all: the numbers may stand between words.
         in_text = [replace(sheet, rows=rows_in_text(sheet.text)) for sheet in sheets]
-        found, refused_too = _read(in_text, setup, kind)
-        if not found:
+        found_too, refused_too = _read(in_text, setup, kind)
+        if _impacts(found_too) > _impacts(found):
+            found, refused = found_too, refused_too
+        elif not found:
             raise _with_what_is_said(sheets, _worst([*refused, *refused_too]))
-        refused = refused_too
     _require_all_read(found, refused)
     require_usual_fall(sheets, found, setup)
     return _different([data for _, data in found])
@@ -163,6 +164,11 @@ def _read(
         except UserError as error:
             refused.append((table, error))
     return found, refused
+
+
+def _impacts(found: list[tuple[DataColumns, Dataset]]) -> int:
+    """Number of impacts in data sets."""
+    return sum(len(data.pairs()[0]) for _, data in found)
 
 
 def _tables(sheets: list[Sheet]) -> Iterator[tuple[Table | None, UserError]]:

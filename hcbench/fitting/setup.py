@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 import numpy as np
 
 from hcbench.fitting.flight import (
+    DIAMETER_OF_LIGHTEST,
     DRAG_COEFFICIENT,
     DRAG_COEFFICIENT_UNCERTAINTY,
+    LIGHTEST,
     Ballistics,
     in_air,
 )
@@ -218,11 +220,11 @@ _HEIGHT_E = (0.7, 1.05)
 
 
 def require_a_ball(name: str, setup: MeasurementSetup, flights: Floats) -> None:
-    """Raise UserError for flights that cannot be a ball's: they hardly shrink.
+    """Raise UserError for flights that cannot be a ball's: they hardly shrink, or no ball that is
+    dropped from the given height makes them.
 
     flights: s, of the first touch and those after it, up to the first that is not known whole.
     name: of the file.
-    Where the setup has a drop height, also raised where it contradicts the first flight.
     """
     if len(flights) < 2:
         return
@@ -233,20 +235,52 @@ def require_a_ball(name: str, setup: MeasurementSetup, flights: Floats) -> None:
         raise UserError(
             name, got, f"below {_MOST_E:g}, as of a ball", "A clock keeps its intervals"
         )
-    if setup.height is None:
+    if setup.height is not None:
+        _require_height(setup, setup.height.value, float(flights[0]), float(flights[1]))
+
+
+def _require_height(setup: MeasurementSetup, height: float, first: float, second: float) -> None:
+    """Raise UserError for a drop height, m, that goes with no e of the first two flights, s.
+
+    Where the ball is not given it may be as light as one of table tennis.
+    """
+    given = setup.ballistics
+    ways = [given]
+    if not setup.has_air:
+        ways.append(in_air(given.gravity, LIGHTEST, DIAMETER_OF_LIGHTEST, DRAG_COEFFICIENT))
+    if any(_goes_with(way, height, first, second) for way in ways):
         return
-    speed = setup.ballistics.dropped(setup.height.value)[0]
-    launch = 0.5 * setup.gravity.value * float(flights[0])
-    first = launch / speed
-    second = float(flights[1] / flights[0])
-    # e falls with speed: of a soft ball that of the first touch may be a fifth of the second's.
-    d = dissipation_of(math.log(min(second, 1.0))) * speed / launch
+    e_first, e_second, _ = _first_es(given, height, first, second)
+    rise, _ = given.apex(given.launch(first))
+    got = f"{height:.4g} m, and a first flight of {first:.4g} s, {rise:.3g} m high"
+    advice = f"That is e = {e_first:.3g} at the first touch, {e_second:.3g} at the second"
+    if not setup.has_air:
+        advice += ". Give --mass and --diameter if the ball is light"
+    raise UserError("height", got, "the height of the drop before it", advice)
+
+
+def _goes_with(way: Ballistics, height: float, first: float, second: float) -> bool:
+    """Say whether a drop height (m) and the first two flights (s) go together under a flight's law.
+
+    e falls with speed: of a soft ball that of the first touch may be a fifth of the second's.
+    """
+    e_first, e_second, faster = _first_es(way, height, first, second)
+    d = dissipation_of(math.log(min(e_second, 1.0))) * faster
     of_law = math.exp(hunt_crossley(d)[0])
-    if not _HEIGHT_E[0] * of_law <= first <= _HEIGHT_E[1] * second:
-        rise = setup.gravity.value * float(flights[0]) ** 2 / 8.0
-        got = f"{setup.height.value:.4g} m, and a first flight of {flights[0]:.4g} s, {rise:.3g} m high"
-        advice = f"That is e = {first:.3g} at the first touch, {second:.3g} at the second"
-        raise UserError("height", got, "the height of the drop before it", advice)
+    return _HEIGHT_E[0] * of_law <= e_first <= _HEIGHT_E[1] * e_second
+
+
+def _first_es(
+    way: Ballistics, height: float, first: float, second: float
+) -> tuple[float, float, float]:
+    """e at the first and at the second touch, and the speed of the first over that of the second.
+
+    height: of the drop, m. first, second: flights after the two touches, s.
+    """
+    speed, _ = way.dropped(height)
+    launch = way.launch(first)
+    speed_again, _ = way.touch(launch)
+    return launch / speed, way.launch(second) / speed_again, speed / speed_again
 
 
 def require_different(files: tuple[Path, ...]) -> None:

@@ -4,24 +4,21 @@ from __future__ import annotations
 
 import html
 import io
-import math
 import re
-import unicodedata
 import zipfile
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from email import message_from_bytes
 from email.policy import default
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
+from hcbench.fitting.cells import with_plain_digits
 from hcbench.fitting.column_names import (
     explained,
     is_short_latin,
-    is_unit,
     is_word_of_header,
-    plain_unit,
 )
+from hcbench.fitting.json_tables import tables_of_json, text_of_cell
 from hcbench.fitting.separators import Row, rows_of
 from hcbench.system.errors import UserError
 from hcbench.system.files import is_file, parse_json, read_bytes, require_small_archive
@@ -47,12 +44,6 @@ _ENCODINGS = (
     *("cp874", "cp932", "euc_jp", "gb18030", "big5", "cp949", "koi8_r", "cp866", "cp852"),
     *("cp850", "mac_roman"),
 )
-# Arabic signs of decimals, of thousands and between cells; marks of the direction of writing.
-_SIGNS_OF_NUMBERS = {0x66B: ".", 0x66C: "'", 0x61B: ";", 0x60C: ","} | dict.fromkeys(
-    [0x61C, 0x200E, 0x200F, *range(0x202A, 0x202F), *range(0x2066, 0x206A)]
-)
-# Letters and signs as wide as those of Chinese.
-_SIGNS_OF_NUMBERS |= {0xFF00 + i: chr(0x20 + i) for i in range(1, 0x5F)} | {0x3000: " "}
 # Rows of SQL's INSERT in one line, and a column where the table is created.
 _VALUES = re.compile(r"^\s*insert\s+into\b[^(;]*values\s*(.*);\s*$", re.IGNORECASE | re.MULTILINE)
 _OF_SQL = re.compile(
@@ -127,7 +118,7 @@ def _sheets(name: str, content: bytes, is_on_disk: bool) -> list[Sheet]:
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
         raise UserError(f"{name}, line {line}", "a null character", "text: letters and numbers")
-    return [_of_text(name, text)]
+    return _of_text(name, text)
 
 
 def _of_mail(content: bytes) -> str:
@@ -163,17 +154,6 @@ def decoded(raw: bytes) -> str:
         return max((raw.decode(one, errors="replace") for one in _ENCODINGS), key=_known_letters)
 
 
-def with_plain_digits(text: str) -> str:
-    """Text with the digits 0 to 9, and points between them, in place of those of other scripts, and
-    without the marks of the direction of writing.
-    """
-    if text.isascii():
-        return text
-    table = {ord(one): unicodedata.digit(one) for one in set(text) if one.isdecimal()}
-    signs = {at: str(digit) for at, digit in table.items()}
-    return text.translate(signs | _SIGNS_OF_NUMBERS)
-
-
 def _known_letters(text: str) -> tuple[int, int]:
     """Number of letters in words beyond ASCII that names of columns and units have, which a wrong
     encoding lacks: in words that tell, and in short Latin ones, which may come by chance.
@@ -184,16 +164,15 @@ def _known_letters(text: str) -> tuple[int, int]:
     return sum(map(len, telling)), sum(map(len, known))
 
 
-def _of_text(name: str, text: str) -> Sheet:
-    """The sheet in a text. Raises UserError for JSON and XML that have no table."""
+def _of_text(name: str, text: str) -> list[Sheet]:
+    """The sheets in a text: one, but for JSON. Raises UserError for JSON that has no table."""
     begin = text.lstrip()[:1]
     if begin in ("{", "["):
         try:
             notebook = _of_notebook(parse_json(text))
             if notebook:
                 return _of_text(name, notebook)
-            # The text of a chat is among what it says of itself.
-            return replace(_of_json(name, parse_json(text)), text=text)
+            return _of_json(name, parse_json(text), text)
         except ValueError:
             records = _of_json_lines(text)
             if records:
@@ -203,11 +182,10 @@ def _of_text(name: str, text: str) -> Sheet:
     rows = "),".join(_VALUES.findall(text))
     if rows.count("),") > 1 and _OF_SQL.search(text):
         listed = [one.strip("( )'") for one in re.split(r"\)\s*,", rows)]
-        return Sheet(
-            name, rows_of(name, [*enumerate([",".join(_OF_SQL.findall(text)), *listed], 1)])
-        )
+        lines = [*enumerate([",".join(_OF_SQL.findall(text)), *listed], 1)]
+        return [Sheet(name, rows_of(name, lines))]
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
-    return Sheet(name, rows_of(name, lines), text)
+    return [Sheet(name, rows_of(name, lines), text)]
 
 
 def _of_notebook(content: Any) -> str:
@@ -222,6 +200,18 @@ def _of_notebook(content: Any) -> str:
     return "\n".join("".join(part) for part in parts)
 
 
+def _of_json(name: str, content: Any, text: str = "") -> list[Sheet]:
+    """The sheets in JSON, one for each table at any depth.
+
+    text: of the whole file, which the first sheet has: the text of a chat is among what it says of
+    itself. Raises UserError as `tables_of_json`.
+    """
+    sheets: list[Sheet] = []
+    for called, rows in tables_of_json(name, content):
+        sheets.append(Sheet(called, tuple(enumerate(rows, 1)), "" if sheets else text))
+    return sheets
+
+
 def _of_json_lines(text: str) -> list[Any]:
     """A record in each line of a text; empty where one is none."""
     records = []
@@ -233,108 +223,6 @@ def _of_json_lines(text: str) -> list[Any]:
         except ValueError:
             return []
     return records
-
-
-def _of_json(name: str, content: Any) -> Sheet:
-    """The sheet in JSON: records, columns, or names beside rows, at any depth.
-
-    Raises UserError where there is none of these.
-    """
-    rows = _json_rows(content)
-    if rows is None:
-        expected = 'records, or columns such as {"time [s]": [0.32, 0.61]}'
-        raise UserError(name, "JSON without a table", expected)
-    return Sheet(name, tuple(enumerate(rows, 1)))
-
-
-def _json_rows(content: Any) -> list[tuple[str, ...]] | None:
-    """Rows of text with a header, of what `_of_json` reads; None for other content."""
-    if isinstance(content, list):
-        return _rows_of_list(content)
-    if not isinstance(content, dict) or not content:
-        return None
-    if isinstance(content.get("columns"), list) and isinstance(content.get("data"), list):
-        return [_texts(content["columns"]), *map(_texts, content["data"])]
-    about = [(str(key), _text(value)) for key, value in content.items() if _is_scalar(value)]
-    columns = {}
-    for key, value in content.items():
-        unit, series = _series(value)
-        if series is not None:
-            columns[f"{key} [{unit}]" if unit else str(key)] = series
-    if columns:
-        # {"unit": "s", "times": [...]}: the unit of the only column.
-        unit = next((text for key, text in about if key.lower() in ("unit", "units")), "")
-        if len(columns) == 1 and unit:
-            columns = {f"{key} [{unit}]": series for key, series in columns.items()}
-        length = max(map(len, columns.values()))
-        padded = [[*series, *[""] * (length - len(series))] for series in columns.values()]
-        return [*about, tuple(columns), *map(_texts, zip(*padded, strict=True))]
-    for value in content.values():
-        rows = _json_rows(value) if isinstance(value, (dict, list)) else None
-        if rows is not None:
-            return [*about, *rows]
-    return None
-
-
-def _rows_of_list(content: list[Any]) -> list[tuple[str, ...]] | None:
-    """Rows of records, of lists, or of numbers alone; None for anything else."""
-    if content and all(isinstance(one, dict) for one in content):
-        flat = list(map(_flat, content))
-        names = list(dict.fromkeys(name for record in flat for name in record))
-        return [
-            tuple(names),
-            *(tuple(_text(record.get(name)) for name in names) for record in flat),
-        ]
-    if content and all(isinstance(one, list) for one in content):
-        return list(map(_texts, content))
-    if content and all(map(_is_scalar, content)):
-        return [(_text(one),) for one in content]
-    return None
-
-
-def _flat(record: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    """A record with the names of nested ones joined by points."""
-    found: dict[str, Any] = {}
-    for key, value in record.items():
-        if isinstance(value, Mapping):
-            found |= _flat(value, f"{before}{key}.")
-        elif isinstance(value, list):
-            found |= {f"{before}{key}[{i}]": one for i, one in enumerate(value)}
-        else:
-            found[f"{before}{key}"] = value
-    return found
-
-
-def _series(value: Any) -> tuple[str, list[Any] | None]:
-    """The unit and the numbers of a column in JSON: a list, numbers by row, or a record of both."""
-    if isinstance(value, list) and value and all(map(_is_scalar, value)):
-        return "", value
-    if not isinstance(value, dict) or not value:
-        return "", None
-    if all(str(key).isdigit() for key in value) and all(map(_is_scalar, value.values())):
-        return "", [value[key] for key in sorted(value, key=int)]
-    lists = [one for one in value.values() if isinstance(one, list)]
-    if len(lists) == 1 and all(map(_is_scalar, lists[0])):
-        texts = (one for one in value.values() if isinstance(one, str))
-        return next((one for one in texts if is_unit(plain_unit(one))), ""), lists[0]
-    return "", None
-
-
-def _is_scalar(value: Any) -> bool:
-    return value is None or isinstance(value, (str, int, float))
-
-
-def _text(value: Any) -> str:
-    """A value as a cell's text."""
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return ""
-    if isinstance(value, float):
-        return repr(float(value))
-    return with_plain_digits(str(value))
-
-
-def _texts(values: Sequence[Any]) -> tuple[str, ...]:
-    return tuple(map(_text, values))
 
 
 def _of_markup(text: str) -> str:
@@ -381,7 +269,7 @@ def _of_workbook(name: str, content: bytes) -> list[Sheet]:
     for title, frame in frames.items():
         rows = []
         for number, values in enumerate(frame.itertuples(index=False, name=None), 1):
-            cells = tuple(_text(value).strip() for value in values)
+            cells = tuple(text_of_cell(value).strip() for value in values)
             if any(cells):
                 rows.append((number, cells))
         called = name if len(frames) == 1 else f"{name}, {sanitized(str(title).strip())}"
@@ -432,7 +320,7 @@ def _of_archive(name: str, content: bytes) -> list[Sheet]:
             if any(one.startswith(("xl/", "Object")) or one == "content.xml" for one in members):
                 return _of_workbook(name, content)
             if _OF_WORD in members:
-                return [_of_text(name, with_plain_digits(decoded(archive.read(_OF_WORD))))]
+                return _of_text(name, with_plain_digits(decoded(archive.read(_OF_WORD))))
             # phyphox puts what it knows of the device into meta/.
             kept = [
                 one
@@ -442,10 +330,11 @@ def _of_archive(name: str, content: bytes) -> list[Sheet]:
             ]
             if not kept:
                 raise UserError(name, "a zip archive without tables", expected)
-            return [
-                _of_text(f"{name}, {sanitized(one)}", with_plain_digits(decoded(archive.read(one))))
-                for one in kept
-            ]
+            sheets = []
+            for one in kept:
+                text = with_plain_digits(decoded(archive.read(one)))
+                sheets += _of_text(f"{name}, {sanitized(one)}", text)
+            return sheets
     except UserError:
         raise
     except (

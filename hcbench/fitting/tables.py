@@ -92,7 +92,8 @@ def _is_data(cells: Sequence[str]) -> bool:
     numeric = sum(map(looks_numeric, given))
     if not numeric or 2 * numeric < len(given):
         return False
-    if looks_numeric(given[0]):
+    # "second" is a word of counting here, and no unit.
+    if looks_numeric(given[0]) or given[0].lower() == "second":
         return True
     return role_of(*split_header(given[0])) not in QUANTITY_OF and not of_file(given[0])
 

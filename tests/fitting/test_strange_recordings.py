@@ -7,6 +7,7 @@ here; `make test-all` fits as many as the page has, and compares its table.
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -147,6 +148,40 @@ def test_the_air_rivals_a_large_alpha_too() -> None:
     """In a vacuum the interval would begin at 0.2110."""
     found = fit([light_ball(synthesise.hunt_crossley(0.21), 2e-4)])
     assert found.alpha is not None and found.alpha.low < 0.21 < found.alpha.value
+
+
+# (mass in kg, diameter in m): table tennis, foam, a balloon, a beach ball.
+LIGHT_BALLS = ((2.7e-3, 0.04), (9e-3, 0.07), (12e-3, 0.15), (60e-3, 0.3))
+
+
+@pytest.mark.parametrize("drop", [0.5, 1.5])
+@pytest.mark.parametrize("ball", LIGHT_BALLS)
+def test_a_right_drop_height_of_a_light_ball_is_believed_and_a_wrong_one_is_not(
+    ball: tuple[float, float], drop: float
+) -> None:
+    """In a vacuum a balloon of e = 0.8 would have 1.0 at the first touch and 0.7 at the second."""
+    mass, diameter = ball
+    displaced = 1.204 * np.pi / 6 * diameter**3
+    pull = G.value * (mass - displaced) / (mass + displaced / 2)
+    # Square of the speed at which the drag carries the ball.
+    square = 2 * (mass - displaced) * G.value / (1.204 * 0.47 * np.pi / 4 * diameter**2)
+    first = float(np.sqrt(-square * np.expm1(-2 * pull * drop / square)))
+
+    def fly(launch: float) -> tuple[float, float]:
+        return synthesise.flight_in_air(launch, mass, diameter, 0.47)
+
+    rng = np.random.default_rng(3)
+    flights = synthesise.flights(synthesise.constant(0.8), drop, 2e-3, rng, fly, first)
+    times = np.cumsum([0.0, *(aloft for _, _, aloft in islice(flights, 7))])
+    given = MeasurementSetup(
+        gravity=G, height=Known(drop, 1e-3), mass=Known(mass), diameter=Known(diameter)
+    )
+    found = fit([TouchTimes("t", given, times + 2e-4 * rng.standard_normal(len(times)))])
+    assert found.restitution is not None
+    assert found.restitution.low - 0.01 < 0.8 < found.restitution.high + 0.01
+    wrong = replace(given, height=Known(drop / 4, 1e-3))
+    with pytest.raises(UserError, match="height"):
+        fit([TouchTimes("t", wrong, times)])
 
 
 # Light balls of a constant e, filmed and read by height.

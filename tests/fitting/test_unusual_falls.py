@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from hcbench.fitting.column_names import folded
 from hcbench.fitting.read import read_datasets
 from hcbench.fitting.setup import Known, MeasurementSetup
 from hcbench.system.errors import UserError
@@ -152,6 +153,34 @@ def test_a_ball_that_a_hand_drives_is_refused_but_in_pairs_of_speeds(
 )
 def test_nothing_of_it_refuses_nothing(tmp_path: Path, line: str) -> None:
     assert read(tmp_path / "data.txt", f"# {line}\n{DROPS}") == 1
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        *("the ball hops down the stairs", "die Treppe hinunter", "bajando la escalera", "下楼梯"),
+        *("Newton's cradle", "height of the splash after each drop of water", "маятник"),
+        *("new ball for each bounce", "bei jedem Sprung ein neuer Ball", "cada vez otra pelota"),
+        *("caught after each bounce", "每次换球", "each row is a new drop from another height"),
+        "rolled off the table after bounce 3",
+    ],
+)
+def test_a_sentence_that_tells_of_something_else_is_named(tmp_path: Path, line: str) -> None:
+    with pytest.raises(UserError) as refused:
+        read(tmp_path / "data.txt", f"# {line}\n{HEIGHTS}")
+    assert folded(line) in refused.value.got
+    assert read(tmp_path / "data.txt", f"# {line}\n{SPEEDS}") == 1
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        *("a new ball, bought on Monday", "caught after the last bounce", "no stairs nearby"),
+        *("rolled off at the end", "measured in the stairwell", "every bounce was filmed"),
+    ],
+)
+def test_a_sentence_about_the_ball_or_the_room_refuses_nothing(tmp_path: Path, line: str) -> None:
+    assert read(tmp_path / "data.txt", f"# {line}\n{HEIGHTS}") == 1
 
 
 @pytest.mark.parametrize("line", ["read at every second bounce", "jeder zweite Sprung gemessen"])

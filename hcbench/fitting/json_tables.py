@@ -1,0 +1,246 @@
+"""Tables in JSON: records, columns, or names beside rows, at any depth, a table for each drop."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from hcbench.fitting.cells import with_plain_digits
+from hcbench.fitting.column_names import (
+    CHANGES,
+    QUANTITY_OF,
+    is_unit,
+    meanings_of,
+    plain_unit,
+    role_of,
+    split_header,
+    tells_drops_apart,
+)
+from hcbench.system.errors import UserError
+from hcbench.system.text import sanitized
+
+# Numbers of a list that are a column of its own, at least.
+_LEAST_LISTED = 4
+_NO_VECTORS = frozenset({"height", "time", "interval"})
+# Letters of a text that may name a quantity, at most.
+_LONGEST_NAME = 60
+# A row of cells.
+Cells = tuple[str, ...]
+
+
+class _Table(NamedTuple):
+    """A table in JSON.
+
+    path: the keys that lead to it; of an entry of a list its number, from 1.
+    about: (name, value) of the texts and numbers beside the table and what holds it.
+    rows: the names of the columns, where there are names, and the cells.
+    """
+
+    path: Cells
+    about: tuple[Cells, ...]
+    rows: Sequence[Cells]
+
+
+def tables_of_json(name: str, content: Any) -> list[tuple[str, list[Cells]]]:
+    """The tables in JSON: what errors call each, and its rows of text, below what is said beside it.
+
+    name: of the file. content: as `json.loads` gives it.
+    Raises UserError where there is no table, and for tables of one header under names of balls.
+    """
+    tables = list(_tables(content, (), ()))
+    if not tables:
+        expected = 'records, or columns such as {"time [s]": [0.32, 0.61]}'
+        raise UserError(name, "JSON without a table", expected)
+    _require_drops(name, tables)
+    found = []
+    for path, about, rows in tables:
+        called = name if len(tables) == 1 else f"{name}, {sanitized(' '.join(path))}"
+        found.append((called, [*about, *rows]))
+    return found
+
+
+def _require_drops(name: str, tables: Sequence[_Table]) -> None:
+    """Raise UserError where tables alike stand under keys that may name balls, such as "steel"."""
+    alike = [table.path for table in tables if table.rows[0] == tables[0].rows[0]]
+    for keys in zip(*alike, strict=False):
+        named = [key for key in dict.fromkeys(keys) if not tells_drops_apart(key)]
+        if len(set(keys)) > 1 and named:
+            got = f"tables alike under {', '.join(map(repr, named[:3]))}"
+            advice = "Put each ball into a file of its own, or name drops 'drop 1', 'drop 2'"
+            raise UserError(name, got, "drops of one ball", advice)
+
+
+def _tables(content: Any, path: Cells, about: tuple[Cells, ...]) -> Iterator[_Table]:
+    """The tables in a part of JSON, in their order.
+
+    path: the keys that lead to the part. about: (name, value) beside it.
+    """
+    if isinstance(content, list):
+        yield from _tables_of_list(content, path, about)
+    elif isinstance(content, dict):
+        yield from _tables_of_record(content, path, about)
+
+
+def _tables_of_list(content: list[Any], path: Cells, about: tuple[Cells, ...]) -> Iterator[_Table]:
+    """The tables in a list: of each entry that has some, as a drop has; else the list as one."""
+    is_named = bool(path) and _names_data(path[-1])
+    for number, one in enumerate(content, 1):
+        if _holds_tables(one):
+            yield from _tables(one, (*path, str(number)), about)
+        elif is_named and _is_column(one):
+            # {"heights_cm": [[81, 66, 53], [80, 65, 53]]}
+            yield _Table(
+                (*path, str(number)), about, [path[-1:], *((cell,) for cell in _texts(one))]
+            )
+    of_drops = any(_holds_tables(one) or (is_named and _is_column(one)) for one in content)
+    rows = [] if of_drops else _rows_of_list(content)
+    if rows:
+        yield _Table(path, about, rows)
+
+
+def _tables_of_record(
+    content: dict[str, Any], path: Cells, about: tuple[Cells, ...]
+) -> Iterator[_Table]:
+    """The tables in a record: its lists as columns, and those of its other values."""
+    if isinstance(content.get("columns"), list) and isinstance(content.get("data"), list):
+        yield _Table(path, about, [_texts(content["columns"]), *map(_texts, content["data"])])
+        return
+    scalars = ((str(key), text_of_cell(one)) for key, one in content.items() if _is_scalar(one))
+    about = (*about, *scalars)
+    columns = _columns(content, path, about)
+    if len(columns) > 1 and all(map(tells_drops_apart, columns)):
+        # {"heights_cm": {"drop 1": [81, 66, 53], "drop 2": [80, 65, 53]}}
+        for name, numbers in columns.items():
+            header = (_quantity_over(path, about) or name,)
+            yield _Table((*path, name), about, [header, *((cell,) for cell in _texts(numbers))])
+    elif columns:
+        rows = itertools.zip_longest(*columns.values(), fillvalue="")
+        yield _Table(path, about, [tuple(columns), *map(_texts, rows)])
+    for key, value in content.items():
+        if _series(value)[1] is None:
+            yield from _tables(value, (*path, str(key)), about)
+
+
+def _columns(
+    content: Mapping[str, Any], path: Cells, about: Sequence[Cells]
+) -> dict[str, list[Any]]:
+    """The columns among the values of a record, by their names with units.
+
+    path: the keys that lead to the record. about: (name, value) beside it.
+    """
+    columns = {}
+    # {"apex": {"time_s": [...]}}
+    over = "".join(f"{key} " for key in path if meanings_of(key) & CHANGES)
+    for key, value in content.items():
+        unit, series = _series(value)
+        if series is not None:
+            # {"heights_cm": [{"values": [...]}, ...]}
+            name = key if meanings_of(key) else _quantity_over(path, about) or key
+            columns[f"{over}{name} [{unit}]" if unit else f"{over}{name}"] = series
+    # {"unit": "s", "times": [...]}: the unit of the only column.
+    unit = next((text for key, text in about if key.lower() in ("unit", "units")), "")
+    if len(columns) == 1 and unit:
+        columns = {f"{key} [{unit}]": series for key, series in columns.items()}
+    return columns
+
+
+def _quantity_over(path: Cells, about: Sequence[Cells]) -> str:
+    """The name of a quantity over a list: the nearest key that leads to it, or a text beside it, such
+    as "rebound height"; "" for none.
+    """
+    texts = [text for _, text in about if len(text) < _LONGEST_NAME]
+    return next(filter(_names_data, (*reversed(path), *reversed(texts))), "")
+
+
+def _holds_tables(content: Any) -> bool:
+    """Say whether a record has a table of its own, as that of a drop has: a list of records, or of
+    numbers under the name of a quantity.
+    """
+    if not isinstance(content, dict):
+        return False
+    for key, value in content.items():
+        found = meanings_of(str(key))
+        # Three numbers are a vector of ROS too.
+        least = _LEAST_LISTED - 1 if found & _NO_VECTORS else _LEAST_LISTED
+        if _is_column(value) and len(value) >= least and (not found or _names_data(key)):
+            return True
+        if _are_records(value) or _holds_tables(value):
+            return True
+    return False
+
+
+def _is_column(value: Any) -> bool:
+    """Say whether a value is a list of numbers and texts."""
+    return isinstance(value, list) and bool(value) and all(map(_is_scalar, value))
+
+
+def _are_records(value: Any) -> bool:
+    """Say whether a value is a list of records."""
+    return isinstance(value, list) and bool(value) and all(isinstance(one, dict) for one in value)
+
+
+def _rows_of_list(content: list[Any]) -> list[Cells] | None:
+    """Rows of records, of lists, or of numbers alone; None for anything else."""
+    if _are_records(content):
+        flat = list(map(_flat, content))
+        names = tuple(dict.fromkeys(name for record in flat for name in record))
+        return [names, *(_texts([record.get(name) for name in names]) for record in flat)]
+    if content and all(isinstance(one, list) for one in content):
+        return list(map(_texts, content))
+    if _is_column(content):
+        return [(cell,) for cell in _texts(content)]
+    return None
+
+
+def _flat(record: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """A record with the names of nested ones joined by points."""
+    found: dict[str, Any] = {}
+    for key, value in record.items():
+        if isinstance(value, Mapping):
+            found |= _flat(value, f"{before}{key}.")
+        elif isinstance(value, list):
+            found |= {f"{before}{key}[{i}]": one for i, one in enumerate(value)}
+        else:
+            found[f"{before}{key}"] = value
+    return found
+
+
+def _series(value: Any) -> tuple[str, list[Any] | None]:
+    """The unit and the numbers of a column: a list, numbers by row, or a record of both."""
+    if _is_column(value):
+        return "", value
+    if not isinstance(value, dict) or not value:
+        return "", None
+    if all(str(key).isdigit() for key in value) and all(map(_is_scalar, value.values())):
+        return "", [value[key] for key in sorted(value, key=int)]
+    lists = [one for key, one in value.items() if isinstance(one, list) and not _names_data(key)]
+    # {"drop 1": {"heights_cm": [...]}} is a table of its own.
+    has_others = any(map(_names_data, value))
+    if len(lists) == 1 and not has_others and all(map(_is_scalar, lists[0])):
+        texts = (one for one in value.values() if isinstance(one, str))
+        return next((one for one in texts if is_unit(plain_unit(one))), ""), lists[0]
+    return "", None
+
+
+def _names_data(key: str) -> bool:
+    """Say whether a key names a quantity that a column may have."""
+    return role_of(*split_header(str(key))) in QUANTITY_OF
+
+
+def _is_scalar(value: Any) -> bool:
+    return value is None or isinstance(value, (str, int, float))
+
+
+def text_of_cell(value: Any) -> str:
+    """A value of JSON or of a workbook as a cell's text; "" for none."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return ""
+    if isinstance(value, float):
+        return repr(float(value))
+    return with_plain_digits(str(value))
+
+
+def _texts(values: Sequence[Any]) -> Cells:
+    return tuple(map(text_of_cell, values))
