@@ -55,6 +55,20 @@ def test_move_launches_the_wheel_the_leg_or_the_whole_robot() -> None:
     assert len(masses) == 1
 
 
+def test_a_joint_is_found_by_its_name_as_the_model_has_it_and_as_it_is_shown() -> None:
+    tabbed = ROVER.replace('"suspension"', '"sus&#9;pension"')
+    for name in ("sus\tpension", "sus?pension"):
+        found = measure(
+            tabbed,
+            "geom:tyre,ground",
+            speeds=[0.5],
+            phases=[0.3],
+            diagnose=False,
+            move=f"joint:{name}",
+        )
+        assert "'upright' on its joint sus?pension" in found.facts.moved
+
+
 @pytest.mark.parametrize(
     ("move", "words"),
     [

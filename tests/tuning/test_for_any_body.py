@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -90,6 +91,16 @@ def test_measure_names_a_ball_in_the_setting_of_four_corners_and_no_box() -> Non
     for shape, names in (('type="box" size="0.06 0.06 0.02"', False), ('size="0.02"', True)):
         measured = hb.measure(box_on(text, shape), "ball,plate", rest=False)
         assert ("promised-corners" in measured.facts.changed) is names, shape
+
+
+def test_a_pair_too_many_or_too_few_is_named_and_the_four_corners_are_still_four() -> None:
+    text = asked(kind="settings", corners=4).best.text
+    last = re.findall("<pair .*?/>", text)[-1]
+    for changed, code in ((f"{last}{last}", "second-pair"), ("", "missing-pair")):
+        edited = text.replace(last, changed)
+        measured = hb.measure(box_on(edited), "ball,plate", rest=False)
+        assert code in measured.facts.changed, code
+        assert "promised-corners" not in measured.facts.changed, code
 
 
 @pytest.mark.parametrize("engine", ["pybullet", "drake"])

@@ -53,6 +53,7 @@ class MujocoBodies:
         friction = f'condim="{3 if mu else 1}" friction="{mu} {mu} 0 0 0"'
         contact = self.contact(world["restitution"], mu, h)
         names = [f"geom{i}" for i in range(len(bodies))]
+        # Two of these never meet.
         fixed = {f"geom{i}" for i, body in enumerate(bodies) if body.get("fixed")} | {"floor"}
         geoms = "".join(self._body(i, body) for i, body in enumerate(bodies))
         if world["floor"]:
@@ -73,8 +74,9 @@ class MujocoBodies:
         self.model = mujoco.MjModel.from_xml_string(f"<mujoco>{option}{parts}</mujoco>")
         self.data = mujoco.MjData(self.model)
         moving = [body for body in bodies if not body.get("fixed")]
+        # Velocity, m/s, and spin, rad/s, of each free joint.
         for i, body in enumerate(moving):
-            self.data.qvel[6 * i : 6 * i + 6] = body["velocity"] + body["spin"]
+            self.data.qvel[6 * i : 6 * i + 6] = [*body["velocity"], *body["spin"]]
 
     def _body(self, i: int, body: dict[str, Any]) -> str:
         size = " ".join(map(str, body.get("half", [body.get("radius")])))

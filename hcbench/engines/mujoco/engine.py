@@ -110,6 +110,7 @@ def _spring_damper(
     if contact_time is None:
         missing.append("MuJoCo's spring and damper: it needs the contact time.")
         return []
+    # Of unit mass, as MuJoCo's numbers are per mass.
     law = kv.matched(e, contact_time, 1.0, kv.Ending.FORCE)
     zeta = kv.damping_ratio(law, 1.0)
     note = "spring and damper per unit effective mass; constant solimp, at least 20 steps a contact"
@@ -233,9 +234,11 @@ class MujocoEngine(
         """
         from hcbench.engines.mujoco.passivity.judge import certified, screened, with_law
 
-        passivity = (
-            certified(scene, setting, train) if whole else screened(scene, setting, speeds, train)
-        )
+        if whole:
+            passivity = certified(scene, setting, train)
+        else:
+            passivity = screened(scene, setting, speeds, train)
+        # None: a setting without rows.
         if passivity is not None:
             return passivity
         passivity = super().passivity(scene, setting, speeds, whole, train)

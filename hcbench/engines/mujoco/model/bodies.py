@@ -90,6 +90,7 @@ def collision_filter(model: Any, geom1: int, geom2: int) -> CollisionFilter:
     "welded", "parent": their bodies are one rigid body, or parent and child.
     """
     body1, body2 = sorted((int(model.geom_bodyid[geom1]), int(model.geom_bodyid[geom2])))
+    # The first body of the rigid one that each belongs to, and the rigid body that this hangs on.
     weld1 = int(model.body_weldid[body1])
     weld2 = int(model.body_weldid[body2])
     above1 = int(model.body_weldid[model.body_parentid[weld1]])
@@ -112,8 +113,10 @@ def can_meet(model: Any, geoms: tuple[int, int]) -> bool:
 
 
 def geom_friction(model: Any, geoms: tuple[int, int]) -> float:
-    """Coulomb's μ of two geoms: of their <pair>, else as MuJoCo mixes
-    it; 0 for a frictionless contact.
+    """Coulomb's μ of two geoms: of their first <pair>, else as MuJoCo mixes it; 0 for a contact
+    without friction, which has condim 1.
+
+    geoms: numbers of the two.
     """
     if pairs := explicit_pairs(model, geoms)[:1]:
         return float(model.pair_friction[pairs[0], 0]) if model.pair_dim[pairs[0]] > 1 else 0.0
@@ -173,16 +176,19 @@ def volumes(model: Any, data: Any, body: int) -> tuple[float, float]:
     height fields do not count; the first is 0 for a tree without another geom.
     """
     bodies = np.flatnonzero(model.body_rootid == model.body_rootid[body])
-    each = 0.0
+    boxes = 0.0  # m³
+    # Points in the world that the box about all has to hold, m.
     corners = [data.xpos[bodies]]
     kinds = backend().mjtGeom
     endless = (int(kinds.mjGEOM_PLANE), int(kinds.mjGEOM_HFIELD))
     for geom in np.flatnonzero(np.isin(model.geom_bodyid, bodies)).tolist():
         if int(model.geom_type[geom]) in endless:
             continue
+        # A box in the geom's own frame: its middle and half its edges, m; then its eight corners.
+        middle = model.geom_aabb[geom, :3]
         half = model.geom_aabb[geom, 3:]
-        each += 8.0 * float(np.prod(half))
-        ends = model.geom_aabb[geom, :3] + half * _CORNERS
+        boxes += 8.0 * float(np.prod(half))
+        ends = middle + half * _CORNERS
         corners.append(data.geom_xpos[geom] + ends @ data.geom_xmat[geom].reshape(3, 3).T)
-    box = np.ptp(np.concatenate(corners), axis=0)
-    return each, float(np.prod(box))
+    edges = np.ptp(np.concatenate(corners), axis=0)
+    return boxes, float(np.prod(edges))

@@ -79,6 +79,7 @@ def _named_geoms(model: Any, name: str, other: str | None = None) -> NamedGeoms:
     if backend().mj_name2id(model, backend().mjtObj.mjOBJ_FLEX, name) >= 0:
         got = f"{name!r} is a soft body (flex), whose contacts are not measured"
         raise UserError("pair", got, "two rigid bodies or geoms")
+    # Kind, name and number of all that the name may mean.
     parts = [("body", body_name(model, b), b) for b in range(model.nbody)]
     parts += [("geom", geom_name(model, g), g) for g in range(model.ngeom)]
 
@@ -92,6 +93,7 @@ def _named_geoms(model: Any, name: str, other: str | None = None) -> NamedGeoms:
     if kind == "geom":
         return NamedGeoms(name, int(model.geom_bodyid[number]), (number,))
     geoms = geoms_of(model, number) or _carried_geoms(model, number)
+    # Without one that collides all stay: a later error says what keeps them apart.
     solid = tuple(geom for geom in geoms if _collides(model, geom)) or geoms
     if not solid:
         raise UserError("pair", f"body {name!r} has no geoms", "a body that can touch something")
@@ -111,15 +113,17 @@ def _partners(model: Any, name: str) -> list[str]:
         return []
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    near: dict[int, float] = {}
+    # Distance of each geom that can touch the part from the nearest of the part's, m.
+    distance_of: dict[int, float] = {}
     for pair in _collisions(model):
+        # Either of the two may be the part's.
         for own, geom in (pair, pair[::-1]):
             if own in part.geoms and geom not in part.geoms:
                 body = int(model.geom_bodyid[geom])
                 both = (NamedGeoms("", body, (geom,)), NamedGeoms("", part.body, (own,)))
                 distance = float(ContactPair(model, *both).nearest(data).distance)
-                near[geom] = min(distance, near.get(geom, math.inf))
-    geoms = sorted(near, key=near.__getitem__)
+                distance_of[geom] = min(distance, distance_of.get(geom, math.inf))
+    geoms = sorted(distance_of, key=distance_of.__getitem__)
     names = [str(model.geom(geom).name) for geom in geoms]
     names += [str(model.body(int(model.geom_bodyid[geom])).name) for geom in geoms]
     return list(dict.fromkeys(filter(None, names)))
@@ -180,9 +184,11 @@ def _ancestors(model: Any, body: int) -> Iterator[int]:
 
 
 def moving_joints(model: Any, body: int) -> list[MovingJoint]:
-    """Ways to move a body towards another, the nearest first: by the free joint or slides of the
-    body itself and of each body that it hangs on; and last, if a joint among these turns, by all
-    joints of the robot. Empty for a body that cannot move.
+    """Ways to move a body towards another: by the free joint or slides of the body itself, then of
+    each body that it hangs on, up to the root; and last, if a joint among these turns, by all joints
+    of the robot. Empty for a body that cannot move.
+
+    body: its number; 0, the world, cannot move.
     """
     joints = []
     for ancestor in _ancestors(model, body):
@@ -192,15 +198,17 @@ def moving_joints(model: Any, body: int) -> list[MovingJoint]:
             words = f"body {body_name(model, ancestor)!r} on its {kind}"
             joints.append(MovingJoint(ancestor, dofs, words))
     chain = [a for a in _ancestors(model, body) if model.body_jntnum[a]]
+    # A body with more degrees of freedom than translations turns.
     if any(model.body_dofnum[a] > len(_translations(model, a)) for a in chain):
         joints.append(_whole_tree(model, body, chain))
     return joints
 
 
 def _whole_tree(model: Any, body: int, chain: list[int]) -> MovingJoint:
-    """The mover of all degrees of freedom of the body's robot.
+    """The mover of all degrees of freedom of the body's robot, those of its other limbs included.
 
-    chain: numbers of the bodies with joints from this one to the root.
+    body: its number. chain: numbers of the bodies with joints from this one to the root, whose joints
+    the mover's description names.
     """
     joints: list[int] = []
     for ancestor in chain:
@@ -244,7 +252,7 @@ def _base_of(model: Any, chain: Sequence[int]) -> MovingJoint | None:
 def _from_named_body(model: Any, chain: Sequence[int], name: str) -> MovingJoint | None:
     """Mover of a body by the joints of a named body that carries it and all joints between the two,
     which move as a push at the contact would move them; by the free joint of the named body alone
-    if it has one; None where the named body does not carry the other.
+    if it has one. None where the named body does not carry the other, or no joint is between.
 
     chain: numbers of the body to move and of those that it hangs on, up to the root.
     Raises UserError for a name that no body has.
@@ -253,14 +261,16 @@ def _from_named_body(model: Any, chain: Sequence[int], name: str) -> MovingJoint
     # `body_name` gives them sanitized.
     name = sanitized(name)
     if name not in names:
+        # Without the world, which is the first.
         raise UserError("move", f"no body {name!r}", *suggest_names(name, names[1:]))
     if (start := names.index(name)) not in chain:
         return None
     if model.body_dofnum[start] == FREE_DOFS:
         return MovingJoint(start, _translations(model, start), f"body {name!r} on its free joint")
     joints: list[int] = []
-    for ancestor in reversed(chain[: chain.index(start) + 1]):
-        joints += _joints_of(model, ancestor)
+    # From the named body out to the one that is moved.
+    for carrier in reversed(chain[: chain.index(start) + 1]):
+        joints += _joints_of(model, carrier)
     return _of_joints(model, joints)
 
 
@@ -299,12 +309,13 @@ def _of_joints(model: Any, joints: list[int]) -> MovingJoint | None:
             return MovingJoint(body, (int(model.jnt_dofadr[joints[0]]),), text)
         if kind == kinds.mjJNT_FREE:
             return MovingJoint(body, _translations(model, body), text)
-    widths = {int(kinds.mjJNT_FREE): 6, int(kinds.mjJNT_BALL): 3}
+    # Degrees of freedom of a joint; a hinge and a slide have one.
+    dof_counts = {int(kinds.mjJNT_FREE): FREE_DOFS, int(kinds.mjJNT_BALL): 3}
     dofs: list[int] = []
     for joint in joints:
         first = int(model.jnt_dofadr[joint])
-        width = widths.get(int(model.jnt_type[joint]), 1)
-        dofs += range(first, first + width)
+        count = dof_counts.get(int(model.jnt_type[joint]), 1)
+        dofs += range(first, first + count)
     text = f"body {body_name(model, body)!r} on its joints ({words})"
     return MovingJoint(body, tuple(dofs), text, turns=True)
 
@@ -339,6 +350,7 @@ def require_collisions(pair: ContactPair) -> ContactPair:
     every = itertools.product(first.geoms, second.geoms)
     meeting = [geoms for geoms in every if can_meet(model, geoms)]
     if not meeting or _disabling(model):
+        # MuJoCo welds what stands still to the world, number 0: of two such that is the reason.
         if model.body_weldid[first.body] or model.body_weldid[second.body]:
             raise no_contact_error(pair)
         raise immobile_error(pair)
@@ -452,6 +464,7 @@ def list_pairs(model: Any, request: Request, state: Any = None) -> list[Candidat
         data, _ = start_pose(model, request, state)
         mujoco.mj_forward(model, data)
         touching = _touching(model)
+        # Pairs of geoms that touch at the start.
         here = {tuple(sorted(c.geom.tolist())) for c in data.contact if c.dist <= 0.0}
         meeting = _collisions(model)
         if not meeting and model.nflex:
@@ -470,6 +483,7 @@ def _collisions(model: Any) -> list[tuple[int, int]]:
     # other's affinity, either way.
     match = (types[:, None] & affinities[None, :]) | (types[None, :] & affinities[:, None])
     meet = set()
+    # Above the diagonal: each two geoms once.
     for first, second in np.argwhere(np.triu(match, 1)).tolist():
         if not collision_filter(model, first, second):
             meet.add((first, second))
@@ -603,7 +617,7 @@ def contact_in_force(model: Any, a: int, b: int) -> dict[str, Any]:
         }
     one, two = (a, b) if model.geom_priority[a] >= model.geom_priority[b] else (b, a)
     if model.geom_priority[one] > model.geom_priority[two]:
-        # The geom of higher priority decides alone.
+        # The geom of higher priority decides alone: it is mixed with itself.
         two = one
     both = [one, two]
     # mjMINVAL, as MuJoCo keeps a sum of two zeros from dividing by 0.

@@ -113,19 +113,23 @@ def write_contact(source: Any, requests: Sequence[Request], contact: FootContact
     geoms = foot_geoms(model, requests)
     notes: list[str] = []
     names = name_geoms(spec, model, geoms, notes)
+    # The user's own text can stay, with lines added, if its geoms have names (a note says which do
+    # not) and it has no <pair>s of them, which the new ones would stand beside.
     own = not notes and not taken_pairs(model, geoms)
     lines = []
     for one, other in geoms:
         both = (names[one], names[other])
         known = [pair for pair in spec.pairs if {pair.geomname1, pair.geomname2} == set(both)]
         values: dict[str, Any] = {"solref": list(contact.solref), "solimp": list(SOLIMP)}
+        # A new <pair> takes nothing from its geoms: what was in force is written into it.
         if not known:
             values |= friction_values(model, (one, other))
             if model.geom_margin[[one, other]].any():
                 values |= {"margin": _onset(model, one, other), "gap": 0.0}
         elements = known or [spec.add_pair(geomname1=both[0], geomname2=both[1])]
         lines += [set_pair(element, both, values) for element in elements]
-    step, gravity = new_step(spec, requests[0]), new_gravity(spec, requests[0])
+    step = new_step(spec, requests[0])
+    gravity = new_gravity(spec, requests[0])
     option = options_of(spec, step, gravity)
     if contact.impratio:
         option += elliptic_option(spec, contact.impratio, "feet slip less", notes)

@@ -186,13 +186,16 @@ def live_state(source: Any) -> tuple[Any, Any] | None:
         return None
     mujoco = backend()
     owner = source
+    # gymnasium, dm_control and robosuite hold the model there.
     for name in ("unwrapped", "physics", "sim"):
         owner = getattr(owner, name, owner)
     model = getattr(owner, "model", None)
     data = getattr(owner, "data", None)
+    # Old versions of MuJoCo give an MjData no model.
     if isinstance(source, mujoco.MjData):
         model = getattr(source, "model", None)
         data = source
+    # The wrappers of dm_control ("ptr") and robosuite hold MuJoCo's own objects inside.
     for inner in ("ptr", "_model"):
         model = getattr(model, inner, model)
     for inner in ("ptr", "_data"):
@@ -336,7 +339,11 @@ def _unzipped(mujoco: Any, path: Path) -> Any:
 
 
 def _keep_folders(urdf: str) -> str:
-    """A URDF with the option that keeps MuJoCo from stripping the folders of its files."""
+    """A URDF's text with the option that keeps MuJoCo from stripping the folders of its files.
+
+    MuJoCo reads the option from a <compiler> in the URDF: strippath is added to one that does not
+    set it, or to a new one after <robot>.
+    """
     if "<compiler" in urdf:
         return re.sub(r"<compiler(?![^>]*strippath)", '<compiler strippath="false"', urdf, count=1)
     option = '<mujoco><compiler strippath="false"/></mujoco>'

@@ -133,13 +133,14 @@ class WithoutContact:
         contact. row: Jacobian of the approach rate, (nv,). velocity: after the step with the
         contact, (nv,). mass: effective mass along the normal, kg.
         """
-        apart = float(row @ self.step())
-        together = float(row @ velocity)
-        if abs(apart - together) <= ROUND_OFF_SOLVED * np.finfo(float).eps * (
-            abs(apart) + abs(together)
-        ):
+        # Approach speeds after the step, m/s.
+        without_contact = float(row @ self.step())
+        with_contact = float(row @ velocity)
+        difference = without_contact - with_contact
+        scale = abs(without_contact) + abs(with_contact)
+        if abs(difference) <= ROUND_OFF_SOLVED * np.finfo(float).eps * scale:
             return 0.0
-        return mass * (apart - together) / float(self._model.opt.timestep)
+        return mass * difference / float(self._model.opt.timestep)
 
 
 # A geom of the pair's first part counts 1, one of the second 2 and others 0: the two geoms of a
@@ -304,6 +305,7 @@ class ContactPair:
                 acting.append(number)
         if not acting:
             return None
+        # MuJoCo's normal points from a contact's first geom to its second, either of the two parts.
         signs = np.where(sides[contacts.geom[acting, 0]] == 1, 1.0, -1.0)
         normals = contacts.frame[acting, :3] * signs[:, None]
         mean = np.mean(normals, axis=0)
@@ -357,6 +359,7 @@ class ContactPair:
         for a in self.first.geoms:
             for b in self.second.geoms:
                 distance = backend().mj_geomDistance(self.model, data, a, b, reach, ends)
+                # MuJoCo gives `reach` for what is farther apart.
                 if distance < min(best.distance, reach):
                     span = (ends[3:] - ends[:3]) * np.sign(distance)
                     length = float(np.linalg.norm(span))
@@ -399,6 +402,7 @@ class ContactPair:
         is_second = field in self.second.geoms
         other = self.first.geoms[0] if is_second else self.second.geoms[0]
         centre = data.geom_xpos[other]
+        # The third size of a height field is its highest elevation, m.
         top = model.hfield_size[model.geom_dataid[field]][2]
         height = (
             float(up @ (centre - data.geom_xpos[field]))

@@ -71,6 +71,7 @@ class MujocoAlongPlate:
         data.qpos[:] = start
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
+        # From the plate's axes to the world's: the centre's velocity, m/s, and the turn, rad/s.
         slip = np.array([*launch.slip, 0.0]) @ self.axes
         spin = np.array(launch.spin) @ self.axes
         asked = np.concatenate([slip, spin])
@@ -132,6 +133,7 @@ class MujocoAlongPlate:
         contact, m, (3,). rate: of approach, m/s. The friction that `push` added is used up.
         """
         model = self.pair.model
+        # The axes: two in the plate, then the normal. All is of the moving body relative to the other.
         slip = [self.pair.approach_row(data, point, axis) @ velocity for axis in self.axes[:2]]
         spin = np.zeros(3)
         for sign, body in ((1.0, self.pair.first.body), (-1.0, self.pair.second.body)):
@@ -162,12 +164,13 @@ class MujocoAlongPlate:
             return energy
         # Seen from the other body, which moves by `frame`: E - m v_c · frame + m frame² / 2.
         root = int(model.body_rootid[self.body])
+        # Jacobians of the tree's centre of mass, and of the other body's point.
         of_centre = np.zeros((3, model.nv))
         of_other = np.zeros((3, model.nv))
         mujoco.mj_jacSubtreeCom(model, data, of_centre, root)
         mujoco.mj_jac(model, data, of_other, None, point, self.pair.second.body)
-        frame = of_other @ velocity
-        mass = float(model.body_subtreemass[root])
+        frame = of_other @ velocity  # m/s
+        mass = float(model.body_subtreemass[root])  # kg
         return energy + mass * float(frame @ (0.5 * frame - of_centre @ own))
 
 
@@ -295,6 +298,8 @@ class PairReader:
 
         geoms: numbers of the two geoms of each contact. dims: condim of each.
         """
+        # 1 for geoms of the first part, 2 for those of the second; the two of a contact of the pair
+        # add up to BOTH_SIDES.
         sides = self.place.pair.sides
         self._geoms = geoms
         self._mine = []
@@ -328,8 +333,10 @@ class PairReader:
         self._unread = None
 
     def depth(self, data: Any, guess: float) -> float:
-        """Penetration beyond the onset without a contact, m; the guess for
-        shapes without a distance.
+        """Penetration of two that have no contact, m, below 0 where they are apart: by MuJoCo's
+        distance of the geoms, counted from that at touch; `guess` for shapes without a distance.
+
+        data: MjData with the kinematics. guess: m.
         """
         if not math.isfinite(self.place.gap):
             return guess

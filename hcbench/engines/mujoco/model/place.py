@@ -78,6 +78,7 @@ def require_plausible_contact(model: Any, place: PairAtTouch) -> None:
     touching: set[int] = set()
     for row in place.contact.rows:
         touching.update(row.geoms)
+        # A time constant and a damping ratio, or the negatives of a stiffness and a damping.
         first, second, *_ = row.solref
         if (first > 0) != (second > 0):
             names = " and ".join(geom_name(model, geom) for geom in row.geoms)
@@ -186,6 +187,7 @@ def _is_strained(placed: PairAtTouch) -> bool:
     at_touch.qpos[:] = placed.qpos
     joints = set(model.dof_jntid[list(placed.joint.dofs)].tolist())
     for joint in joints:
+        # How far the joint is beyond its range, and how far is let pass: rad, or m of a slide.
         beyond, allowed, _ = beyond_limit(model, at_touch, joint)
         if model.jnt_limited[joint] and beyond > allowed:
             return True
@@ -196,8 +198,10 @@ def _raised(pair: ContactPair, data: Any, near: Nearest) -> Nearest:
     """Move a robot on a free base out of the other part, if they overlap by no more than _RAISED, m;
     return the nearest points afterwards.
 
-    Keyframes of standing robots often start a little inside the floor. data: MjData; changed. near:
-    the nearest points of the two in `data`, which are returned where nothing is moved.
+    data: MjData; changed. near: the nearest points of the two in `data`, which are returned where
+    nothing is moved: for a deeper overlap, without a free base, and for a free body without joints,
+    which the search for the touch moves out.
+    Keyframes of standing robots often start a little inside the floor.
     """
     model = pair.model
     base = _free_base(pair)
@@ -206,6 +210,7 @@ def _raised(pair: ContactPair, data: Any, near: Nearest) -> Nearest:
     move = _slide(pair.approach_row(data, near.point, near.normal), base)
     if _is_alone(pair, base) or move is None:
         return near
+    # The distance is below 0: back along the approach.
     backend().mj_integratePos(model, data.qpos, move, float(near.distance))
     backend().mj_forward(model, data)
     # The normal of before: where two just touch the nearest points could give another one.
@@ -275,6 +280,7 @@ def _along_nearest(
     """
     start = data.qpos.copy()
     try:
+        # The velocity that approaches at 1 m/s: of an arc, where it ends near the touch.
         move = swing_to_touch(pair, data, joint.dofs, row) if joint.turns else _slide(row, joint)
         if move is None:
             return None
@@ -323,15 +329,17 @@ def _from_there(
     is in the way.
     """
     model = pair.model
-    there = np.asarray(coming_from)
+    there = np.asarray(coming_from, dtype=float)
     for ordered, joint in _joints(pair, chosen):
-        sign = 1.0 if ordered.first.name == pair.first.name else -1.0
-        normal = -sign * there
+        # The way of the moving part: the second part, if that moves, goes the opposite way.
+        normal = -there if ordered.first.name == pair.first.name else there
         row = ordered.approach_row(data, data.geom_xpos[ordered.first.geoms[0]], normal)
+        # Joints that turn do not lead along a line.
         move = None if joint.turns else _slide(row, joint)
         if move is None:
             continue
         start = data.qpos.copy()
+        # Back until it is surely clear of the other, and from there to the touch.
         backend().mj_integratePos(model, data.qpos, move, -_clear_of(ordered, data, normal))
         contact = TouchSearch(ordered, data, move).contact_at_touch()
         # On its own line it misses the other: try the line through the other's middle.
@@ -364,14 +372,17 @@ def _clear_of(pair: ContactPair, data: Any, normal: Floats) -> float:
     data: MjData with the kinematics. normal: unit vector along which the first approaches, (3,).
     """
     model = pair.model
-    ahead = 0.0
-    bound = max(float(model.geom_rbound[g]) for g in pair.first.geoms)
+    own_radius = max(float(model.geom_rbound[g]) for g in pair.first.geoms)
+    middle = data.geom_xpos[pair.first.geoms[0]]
+    back = 0.0
     for g in pair.second.geoms:
         # MuJoCo gives a plane the bounding radius 0.
-        reach = float(model.geom_rbound[g])
-        offset = float(normal @ (data.geom_xpos[pair.first.geoms[0]] - data.geom_xpos[g]))
-        ahead = max(ahead, offset + reach + 2.0 * bound)
-    return ahead + 0.1 * pair.size
+        radius = float(model.geom_rbound[g])
+        # How far, m, the first part's middle is beyond this geom's, on its way.
+        beyond = float(normal @ (middle - data.geom_xpos[g]))
+        # Twice its own radius: other geoms of the part may be ahead of the first.
+        back = max(back, beyond + radius + 2.0 * own_radius)
+    return back + 0.1 * pair.size
 
 
 def _move_over(pair: ContactPair, data: Any, joint: MovingJoint, normal: Floats) -> None:
@@ -381,13 +392,13 @@ def _move_over(pair: ContactPair, data: Any, joint: MovingJoint, normal: Floats)
     data: MjData; changed. normal: unit vector along which the first approaches, (3,).
     """
     model = pair.model
-    middles = [
-        np.mean(data.geom_xpos[list(part.geoms)], axis=0) for part in (pair.first, pair.second)
-    ]
-    aside = (middles[1] - middles[0]) - normal * float(normal @ (middles[1] - middles[0]))
+    first_middle = np.mean(data.geom_xpos[list(pair.first.geoms)], axis=0)
+    second_middle = np.mean(data.geom_xpos[list(pair.second.geoms)], axis=0)
+    way = second_middle - first_middle
+    aside = way - normal * float(normal @ way)
     length = float(np.linalg.norm(aside))
     if length > 0:
-        row = pair.approach_row(data, middles[0], aside / length)
+        row = pair.approach_row(data, first_middle, aside / length)
         move = _slide(row, joint)
         if move is not None:
             backend().mj_integratePos(model, data.qpos, move, length)
@@ -406,7 +417,9 @@ def _guess_normal(pair: ContactPair, data: Any) -> Floats:
         return contact.normal
     for side, sign in ((pair.second, -1.0), (pair.first, 1.0)):
         if int(pair.model.geom_type[side.geoms[0]]) == int(backend().mjtGeom.mjGEOM_PLANE):
-            return np.asarray(sign * data.geom_xmat[side.geoms[0]].reshape(3, 3)[:, 2])
+            # A plane's z axis points away from it.
+            outward = data.geom_xmat[side.geoms[0]].reshape(3, 3)[:, 2]
+            return np.asarray(sign * outward)
     line = data.geom_xpos[pair.second.geoms[0]] - data.geom_xpos[pair.first.geoms[0]]
     length = float(np.linalg.norm(line))
     return line / length if length > 0 else np.array([0.0, 0.0, -1.0])
@@ -420,9 +433,11 @@ def _slide(row: Floats, joint: MovingJoint) -> Floats | None:
     """
     along = row[list(joint.dofs)]
     squared = float(along @ along)
+    # (m/s)² by a unit speed of the mover: as good as 0 where it moves along the surface.
     if squared < LEAST_APPROACH**2:
         return None
     direction = np.zeros_like(row)
+    # Least squares: row @ direction is 1.
     direction[list(joint.dofs)] = along / squared
     return direction
 
@@ -495,9 +510,11 @@ def _at_touch(
 
 
 def _require_room(pair: ContactPair, data: Any) -> None:
-    """Raise UserError if at touch another part of what moves is deep in something; it names the two.
+    """Raise UserError if at touch another part of the robot that moves is deep in what does not move
+    with it; the error names the two.
 
-    pair: with the moving part first. data: MjData at touch, with its contacts.
+    pair: with the moving part first. data: MjData at touch, with its contacts. "Deep" is a share of
+    the smaller geom's bounding radius.
     """
     model = pair.model
     names = (pair.first.name, pair.second.name)
@@ -513,10 +530,11 @@ def _require_room(pair: ContactPair, data: Any) -> None:
             or pair.sides[one] + pair.sides[other] == BOTH_SIDES
         ):
             continue
+        # Both are of the robot, or neither is.
         if moves[one] == moves[other]:
             continue
         part, third = (one, other) if moves[one] else (other, one)
-        # A plane has no size.
+        # The smaller bounding radius, m; MuJoCo gives a plane the radius 0.
         size = min(r for r in (*model.geom_rbound[[part, third]], np.inf) if r > 0)
         blocked = (repr(geom_name(model, part)), repr(geom_name(model, third)))
         require_reachable(-contact.dist, size, names, blocked, advice)
@@ -535,13 +553,14 @@ def tether_error(
     mujoco = backend()
     if not data.nefc:
         return None
+    # How fast each constraint of the model moves by the push, (nefc,): those at 0 do not feel it.
     coupling = np.zeros(data.nefc)
     mujoco.mj_mulJacVec(model, data, coupling, by_push)
     round_off = 1e-9 * max(1.0, float(np.abs(by_push).max()))
     for i in np.flatnonzero(np.abs(coupling) > round_off):
         kind = int(data.efc_type[i])
-        number = int(data.efc_id[i])
-        off = float(data.efc_pos[i])
+        number = int(data.efc_id[i])  # of the tendon or the equality
+        off = float(data.efc_pos[i])  # m: room to a tendon's limit, error of an equality
         if kind == mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON and off < -MOVED:
             what = f"tendon {sanitized(model.tendon(number).name) or number!r} would be {-off:.3g} m beyond"
             what += " its limit"

@@ -93,23 +93,20 @@ def slow_for_plugin(
     TOLERANCE.
     """
     timestep = float(model.opt.timestep)
-    gained = abs(gravity) * timestep
-
-    def asked(speed: float) -> float:
-        return float(law.at(speed)) - TOLERANCE
-
-    dead = []
+    gained = abs(gravity) * timestep  # m/s
+    dead_speeds = []
     for impact in impacts:
         speed = impact.speed_in
-        if speed < _SLOW * gained and impact.restitution < asked(speed):
-            dead.append(speed)
-    if not dead:
+        if speed < _SLOW * gained and impact.restitution < float(law.at(speed)) - TOLERANCE:
+            dead_speeds.append(speed)
+    if not dead_speeds:
         return
-    shorter = float(f"{min(dead) / (_CURED * abs(gravity)):.2g}")
+    slowest = min(dead_speeds)
+    shorter = float(f"{slowest / (_CURED * abs(gravity)):.2g}")  # s
     yield Suspect(
         "slow-for-step",
         "The step is too long for the slowest impacts: the plug-in takes them for a body at rest.",
-        f"{min(dead):.3g} m/s, and gravity gives {gained:.3g} m/s in a step of {time_step(timestep)} s",
+        f"{slowest:.3g} m/s, and gravity gives {gained:.3g} m/s in a step of {time_step(timestep)} s",
         f'<option timestep="{shorter:g}"/>, or speeds above {_CURED * gained:.2g} m/s',
         partial(fixes.set_options, timestep=shorter),
     )
@@ -140,8 +137,12 @@ def broken_promise(
     if not promise.rows:
         yield from _longer_step(model, promise)
         return
-    yield from _pairs(model, promise, geoms)
-    yield from _corners(promise, contacts // promise.rows)
+    joining = explicit_pairs(model, geoms)
+    yield from _number_of_pairs(promise, len(joining))
+    yield from _margin(model, joining)
+    yield from _friction(model, promise, joining)
+    # Each <pair> makes a contact at each point; without <pair>s the geoms make one.
+    yield from _corners(promise, contacts // max(1, len(joining)))
     yield from _override(model)
     now = dict(option_in_force(model))
     for name, text in promise.option:
@@ -202,14 +203,13 @@ def _gravity(promise: Promise, gravity: float) -> Iterator[Suspect]:
         )
 
 
-def _pairs(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iterator[Suspect]:
-    """Suspect the <pair>s of two geoms where they differ from those that hcbench wrote: if some are
-    missing or added, if a margin or gap makes one act from afar, or if the friction is another.
+def _number_of_pairs(promise: Promise, count: int) -> Iterator[Suspect]:
+    """Suspect that some of the <pair>s of two geoms that hcbench wrote are missing, or that others
+    were added; at most one suspect.
 
-    promise: what hcbench wrote of the two. geoms: their numbers.
+    promise: what hcbench wrote of the two. count: of their <pair>s in the model.
     """
-    joining = explicit_pairs(model, geoms)
-    lost = promise.rows - len(joining)
+    lost = promise.rows - count
     if lost > 0:
         yield Suspect(
             "missing-pair",
@@ -221,11 +221,19 @@ def _pairs(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iterator[Sus
     if lost < 0:
         yield Suspect(
             "second-pair",
-            f"{len(joining)} <pair>s join these two geoms where hcbench wrote {promise.rows}: all act.",
+            f"{count} <pair>s join these two geoms where hcbench wrote {promise.rows}: all act.",
             f"the model keeps the promise of {promise.rows}: {promise.text}",
             "take out the <pair>s of these two geoms that `hcbench tune` did not print",
             always_reported=True,
         )
+
+
+def _margin(model: Any, joining: Sequence[int]) -> Iterator[Suspect]:
+    """Suspect a margin or gap, m, by which a <pair> acts before its geoms touch; at most one suspect,
+    of the first such <pair>.
+
+    joining: numbers of the <pair>s of two geoms.
+    """
     for number in joining:
         if model.pair_margin[number] > 0.0 or model.pair_gap[number] > 0.0:
             yield Suspect(
@@ -236,17 +244,28 @@ def _pairs(model: Any, promise: Promise, geoms: tuple[int, int]) -> Iterator[Sus
                 partial(_set_pairs, numbers=joining, margin=0.0, gap=0.0),
                 always_reported=True,
             )
-            break
-    slides = max(
-        (float(model.pair_friction[number, 0]) for number in joining if model.pair_dim[number] > 1),
-        default=0.0,
-    )
-    if not math.isnan(promise.friction) and not _equal(slides, promise.friction):
+            return
+
+
+def _friction(model: Any, promise: Promise, joining: Sequence[int]) -> Iterator[Suspect]:
+    """Suspect another friction of two geoms than hcbench wrote; at most one suspect, none where the
+    promise names no friction.
+
+    joining: numbers of the <pair>s of the two.
+    """
+    if math.isnan(promise.friction):
+        return
+    friction = 0.0
+    for number in joining:
+        # With condim 1 there is none.
+        if model.pair_dim[number] > 1:
+            friction = max(friction, float(model.pair_friction[number, 0]))
+    if not _equal(friction, promise.friction):
         yield Suspect(
             "promised-friction",
             "The pair has another friction than hcbench wrote.",
-            f"{slides:.4g} now; tuned with {promise.friction:.4g}",
-            f"hcbench tune mujoco with --friction {slides:.4g}",
+            f"{friction:.4g} now; tuned with {promise.friction:.4g}",
+            f"hcbench tune mujoco with --friction {friction:.4g}",
             always_reported=True,
         )
 
@@ -295,6 +314,7 @@ def _set_pairs(model: Any, numbers: Sequence[int], margin: float, gap: float) ->
 
 
 def _equal(now: str | float, promised: str | float) -> bool:
+    """Say whether two values are the same: numbers within the digits of XML, others as text."""
     try:
         return abs(float(now) - float(promised)) <= _SAME * abs(float(promised))
     except ValueError:

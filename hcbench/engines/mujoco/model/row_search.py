@@ -166,7 +166,8 @@ class RowSearch:
 
         plan = _speeds_and_phases(band, is_large=self._model.nv > _LIGHT)
         starts = [self._start_states(model, plan) for model in opened]
-        # A third of every model's launches, then the next third: bad rows
+        # Of each part of the launches: the index in `opened`, the states at release, (n, nstate),
+        # and the controls, (nu,). A third of every model's launches, then the next third: bad rows
         # are given up after the first.
         self._launches = []
         for part in range(_PARTS):
@@ -207,65 +208,63 @@ class RowSearch:
         return states, data.ctrl.copy()
 
     def _errors(self, generation: Sequence[Rows], limits: Floats) -> Floats:
-        """Cost of each pair of rows, (n,): the largest error of e, plus costs of an e that is too
-        large and of vibration and depth at rest.
+        """Cost of each pair of rows, (n,), in units of e: the largest error of e in any launch, plus
+        costs of an e that is too large and of vibration and depth at rest.
 
         generation: n pairs of rows, up to _MEMBERS. All launches of one part go into one rollout: a
         call for each would take as long as the steps of a small model.
         limits: costs above which rows are given up, (n,); the number returned is then above its
         limit, but not the whole cost.
+        Raises MuJoCo's FatalError.
         """
         # A generation may have fewer members than there are models.
         for model, rows in zip(self._models, generation, strict=False):
             self._set_rows(model, rows)
-        worst = np.zeros(len(generation))
+        cost = np.zeros(len(generation))
         largest_e = np.zeros(len(generation))
         largest_target = np.zeros(len(generation))
         for number, states, control in self._launches:
-            tried = np.flatnonzero(worst <= limits)
-            e, speed = self._bounces(tried, number, states, control)
+            tried = np.flatnonzero(cost <= limits)
+            e, speed = self._bounces(tried, number, states, control)  # (tried, launches)
+            # Launches at the band's lowest speed arrive a little slower or faster; the ones that
+            # only may not gain energy are at less than half of it.
             in_band = speed > 0.9 * self._band[0]
             target = np.zeros(speed.shape)
             target[in_band] = self._goal.at(speed[in_band])
-            # Slower launches are there for their energy alone.
             errors = np.where(in_band, np.abs(e - target), 0.0)
-            worst[tried] = np.maximum(worst[tried], errors.max(axis=1))
+            cost[tried] = np.maximum(cost[tried], errors.max(axis=1))
             largest_e[tried] = np.maximum(largest_e[tried], e.max(axis=1))
             largest_target[tried] = np.maximum(largest_target[tried], target.max(axis=1))
-        tried = np.flatnonzero(worst <= limits)
+        tried = np.flatnonzero(cost <= limits)
+        # An e above this counts as a gain of energy, in slow launches too.
         most = np.maximum(LARGEST_E, largest_target[tried])
-        worst[tried] += COSTS * np.maximum(0.0, largest_e[tried] - most)
-        tried = np.flatnonzero(worst <= limits)
-        worst[tried] += self._unrest(tried)
-        return worst
+        cost[tried] += COSTS * np.maximum(0.0, largest_e[tried] - most)
+        tried = np.flatnonzero(cost <= limits)
+        cost[tried] += self._unrest(tried)
+        return cost
 
     def _unrest(self, tried: Whole) -> Floats:
-        """Cost of how the pairs rest with the rows of some members, (m,): of vibration and depth a
-        while after the bodies were laid down.
+        """Cost of how the pairs rest with the rows of some members, (m,), in units of e: it grows by
+        _RESTLESS for each power of ten of vibration and of depth above what is free.
 
-        tried: indices of the members, (m,). The worst of all pairs counts. Vibration is the
-        standard deviation of the approach rates, m/s, infinite where the state diverged.
+        tried: indices of the members, (m,). Vibration (m/s; infinite where the state diverged) and
+        depth (m) are those a while after the bodies were laid down, the largest of all pairs.
         """
-        worst = np.zeros(len(tried))
-        deepest = np.zeros(len(tried))
+        largest_vibration = np.zeros(len(tried))
+        largest_depth = np.zeros(len(tried))
         h = float(self._model.opt.timestep)
         for number, (states, control) in enumerate(self._laid):
-            for k, depth in enumerate(self._depths(tried, number, states, control, _LAID)[:, 0]):
-                rate = np.diff(depth) / h
-                deepest[k] = max(deepest[k], float(np.nan_to_num(depth[-_LAST:].mean())))
-                before = np.std(rate[-2 * _LAST : -_LAST])
-                last = np.std(rate[-_LAST:])
-                # Share of the vibration that is left after _LAST steps.
-                calmed = 0.0
-                if before > 0.0:
-                    calmed = min(1.0, last / before)
-                # The vibration is taken to fall on by the same share.
-                later = last * calmed**_LATER
-                worst[k] = max(worst[k], float(np.nan_to_num(later, nan=math.inf)))
+            # A pair is laid down once: the launch 0 is the only one.
+            depths = self._depths(tried, number, states, control, _LAID)[:, 0]
+            for k, depth in enumerate(depths):
+                last_depth = float(np.nan_to_num(depth[-_LAST:].mean()))
+                largest_depth[k] = max(largest_depth[k], last_depth)
+                vibration = _later_vibration(np.diff(depth) / h)
+                largest_vibration[k] = max(largest_vibration[k], vibration)
         costs = np.empty(len(tried))
-        for k, (vibration, depth) in enumerate(zip(worst.tolist(), deepest.tolist(), strict=True)):
-            shaking = math.log10(max(1.0, vibration / self._calm))
-            sinking = math.log10(max(1.0, depth / self._shallow))
+        for k in range(len(tried)):
+            shaking = math.log10(max(1.0, float(largest_vibration[k]) / self._calm))
+            sinking = math.log10(max(1.0, float(largest_depth[k]) / self._shallow))
             costs[k] = _RESTLESS * (shaking + sinking)
         return costs
 
@@ -280,14 +279,19 @@ class RowSearch:
         Speeds are those at the touch plane, of the parabola of free flight through three states. e
         is 0 for a launch that does not part, and COSTS for one that diverged.
         """
+        # Penetration after each step, m, of all launches of all members, one below the other.
         x = self._depths(tried, number, states, control, _STEPS).reshape(-1, _STEPS)
         inside = np.nan_to_num(x, nan=1.0) > 0.0
         launches = np.arange(len(x))
+        # The first state inside, and the last one inside before the first parting; three states
+        # around each have to be on record.
         first = np.clip(inside.argmax(axis=1) - self._lag, 2, _STEPS - 3)
         parted = inside[:, :-1] & ~inside[:, 1:]
         last = np.clip(parted.argmax(axis=1) + self._lag, 0, _STEPS - 3)
+        # Speeds in and out, m a step.
         into = _crossing_speed(x[launches, first - 2], x[launches, first - 1], x[launches, first])
         out = _crossing_speed(x[launches, last], x[launches, last + 1], x[launches, last + 2])
+        # A launch that never came near has a speed of 0.
         e = np.where(parted.any(axis=1), out / np.maximum(into, 1e-12), 0.0)
         e = np.nan_to_num(e, nan=COSTS)
         speed = into / float(self._model.opt.timestep)
@@ -347,9 +351,13 @@ class RowSearch:
         """Rows of the least cost that an evolution finds; the same for the same model.
 
         adhesive: whether the damper may pull. Raises EngineFailed for a fatal error of MuJoCo's.
+
+        Members of the evolution are parameters of `rows`, (7,); it starts with those that long
+        searches found in other models, and random ones.
         """
 
         def errors(members: Floats, limits: Floats) -> Floats:
+            """Cost of each member, (n,); members: (n, 7); limits: above which one is given up, (n,)."""
             return self._errors([self.rows(member, adhesive) for member in members], limits)
 
         generations = _GENERATIONS
@@ -364,6 +372,7 @@ class RowSearch:
         first = random.uniform(*bounds, (_MEMBERS, len(_LOWEST)))
         first[: len(starts)] = starts
         with captured_warnings():
+            # The members of the last generation, the best one first.
             members = evolve(errors, first, generations, bounds, random, towards_best=True)
             return self.rows(members[0], adhesive)
 
@@ -418,8 +427,30 @@ def _speeds_and_phases(band: tuple[float, float], is_large: bool) -> list[tuple[
     return plan
 
 
+def _later_vibration(rate: Floats) -> float:
+    """Standard deviation of an approach rate long after a body was laid down, m/s; infinite where the
+    rate is not finite.
+
+    rate: in each step from the laying down on, m/s, (n,), n at least 2 _LAST.
+
+    Vibration that decays is taken to go on so: the share that it lost from the last but one _LAST
+    steps to the last _LAST, it loses _LATER times more.
+    """
+    before = np.std(rate[-2 * _LAST : -_LAST])
+    last = np.std(rate[-_LAST:])
+    left = 0.0  # share of the vibration that _LAST steps leave
+    if before > 0.0:
+        left = min(1.0, float(last / before))
+    later = last * left**_LATER
+    return float(np.nan_to_num(later, nan=math.inf))
+
+
 def _crossing_speed(before: Floats, at: Floats, after: Floats) -> Floats:
-    """Speed at which the parabola through three states, a step apart, crosses 0, in m a step; (n,)."""
+    """Speed at which the parabola through three states, a step apart, crosses 0, in m a step; (n,).
+
+    before, at, after: penetration in the three states, m, (n,). 0 where the parabola does not reach
+    0, NaN where a state is NaN.
+    """
     rate = (after - before) / 2
     bend = after - 2 * at + before
     return np.asarray(np.sqrt(np.maximum(0.0, rate**2 - 2 * bend * at)))

@@ -126,9 +126,10 @@ class LentModel(ModelUnderTest):
         float32 or float64; far from the origin or in short steps the rounding is a notable share of
         the way.
         """
-        place = unit_in_last_place(self._reach, self._copies.bits)
+        # Distance of two neighbouring numbers at the largest coordinate, and the slowest step, m.
+        spacing = unit_in_last_place(self._reach, self._copies.bits)
         moved = min(impact.launch.speed for impact in impacts) * self.timestep
-        if not moved < _SMOOTH * place:
+        if not moved < _SMOOTH * spacing:
             return
         fix = "the contact nearer to the origin, or longer steps"
         if self._engine.exact:
@@ -136,7 +137,7 @@ class LentModel(ModelUnderTest):
         yield Suspect(
             "rounded-positions",
             f"Positions in float{self._copies.bits} are coarse for such short steps: e scatters.",
-            f"steps of {moved:.2g} m where coordinates of {self._reach:.3g} m are {place:.2g} m apart",
+            f"steps of {moved:.2g} m where coordinates of {self._reach:.3g} m are {spacing:.2g} m apart",
             fix,
             always_reported=True,
         )
@@ -250,6 +251,7 @@ class LentFlight(MujocoFlight):
         solved: force of MuJoCo's solver, N. seen: MjData of the state before the step.
         """
         row = self._reader.row(seen)
+        # By how much the engine slowed the approach more than MuJoCo did, and its round-off, m/s.
         slowed = -float(row @ self._changed)
         noise = self._round_off * float(np.abs(row) @ self._speeds)
         mass = self._place.effective_mass
@@ -273,8 +275,9 @@ class LentSimulation(Flights[LentFlight]):
         """
         super().__init__(flights)
         self._copies = copies
-        # Places of the launches that are still read.
+        # Copies whose launches are still read.
         self._which = np.arange(len(flights))
+        # The states as the engine has them, (launches, nq + nv).
         started = copies.place_first(np.array([flight.state for flight in flights]))
         for flight, state in zip(flights, started, strict=True):
             flight.start_from(state, copies.bits)
@@ -286,8 +289,9 @@ class LentSimulation(Flights[LentFlight]):
         The record has one step at least. Under RK4 it is one step behind the engine.
         """
         count = 0
+        # Under RK4 one step alone cannot be read yet.
         while count < 1:
-            path = self._copies.step(steps)[:, self._which]
+            path = self._copies.step(steps)[:, self._which]  # (steps, launches, nq + nv)
             count = min(flight.hand_in(path[:, i]) for i, flight in enumerate(self._flights))
         return self.side_by_side([flight.advance(count) for flight in self._flights])
 

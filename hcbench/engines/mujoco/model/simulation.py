@@ -309,7 +309,10 @@ class MujocoFlight:
             along = self._along.row(seen, self._before, self._reader.contact_point(seen), rate)
         if self._causes is not None:
             self._apart |= self._touched and force == 0.0 and x <= 0.0 and rate < 0.0
+            # Of an impact the steps with a force count; before the touch every step does, for
+            # a launch that may never touch.
             if not self._apart and (force != 0.0 or not self._touched):
+                # The impact begins: what slowed the approach before is not part of it.
                 if force != 0.0 and not self._touched:
                     self._causes.forget()
                     self._touch_speed = rate
@@ -444,7 +447,8 @@ class MujocoUserSimulation(Flights[MujocoFlight]):
     def advance(self, steps: int) -> Record:
         """Take up to `steps` steps of each launch, one launch after the other, and record all.
 
-        Each ends some steps after the two have parted, or sooner if it turns back.
+        Each ends `after` steps after the two have parted, or sooner if it turns back without a
+        touch. Raises EngineFailed for a fatal error of MuJoCo's.
         """
         records = []
         for flight in self._flights:
@@ -499,7 +503,11 @@ class _Launch(ctypes.Structure):
 
 @functools.cache
 def _library() -> ctypes.CDLL | None:
-    """Compile and load the loop in C for the installed MuJoCo; None where that cannot be done."""
+    """Compile and load the loop in C for the installed MuJoCo; None where that cannot be done.
+
+    Its functions are `advance`, for launches; `follow`, for a free body; and `fatal_error`, the text
+    of MuJoCo's last fatal error.
+    """
     try:
         arguments = plugin.compiler_arguments(Path(backend().__file__).parent)
         library = ctypes.CDLL(str(build(_SOURCE, *arguments)))
@@ -575,9 +583,12 @@ class PairInC:
     """
 
     def __init__(self, opened: OpenedModel) -> None:
-        """Describe the pair of an opened model at its place of touch."""
+        """Describe the pair of an opened model at its place of touch.
+
+        `firsts` and `seconds` are how many of `geoms` belong to the first and the second part.
+        """
         pair = opened.place.pair
-        # What `fields` points into.
+        # What `fields` points into: it is freed with this object, not sooner.
         self._arrays = (
             np.ascontiguousarray(pair.sides, dtype=np.int8),
             pair.in_trees.astype(np.uint8),
@@ -637,10 +648,12 @@ class CompiledFlight(MujocoFlight):
         library = _library()
         assert library is not None, "flights_of takes this class only with a library"
         begin = self._launch.steps
+        # Filled in C for each step: penetration, rate and force; what each cause added to the
+        # approach, m/s; and whether the causes of this step were read.
         read = np.empty((steps, 3))
         parts = np.empty((steps, len(NAMES)))
         is_counted = np.zeros(steps, dtype=np.uint8)
-        wait = -1 if after is None else after
+        wait = -1 if after is None else after  # C has no None: -1 is all steps
         arrays = [array.ctypes.data for array in (read, parts, is_counted)]
         taken = library.advance(
             *(self._model._address, self._data._address, self._pair.fields, self._launch),
@@ -654,6 +667,7 @@ class CompiledFlight(MujocoFlight):
         self._touched = first_force >= 0
         counted = np.flatnonzero(is_counted[:taken])
         if self._causes is not None:
+            # The impact began in one of these steps: what slowed the approach before does not count.
             if first_force >= begin:
                 self._causes.forget()
                 self._touch_speed = float(read[first_force - begin, 1])

@@ -144,10 +144,11 @@ class SpeedShares:
         accelerations = np.zeros(data.nefc)
         mujoco.mj_mulJacVec(self._model, data, accelerations, moved)
         accelerations *= data.efc_force
-        # MuJoCo has its constraint rows in this order.
+        # MuJoCo has its constraint rows in this order; the contacts' are the rest.
         ends = np.cumsum((data.ne, data.nf, data.nl))
         equalities, friction, limits, contacts = np.split(accelerations, ends)
         contact_of_row = data.efc_id[ends[-1] :]
+        # Sides 1 and 2 add up to 3 only for a contact of the pair.
         of_pair = self._sides[data.contact.geom[contact_of_row]].sum(axis=1) == 3
         parts = contacts[of_pair], contacts[~of_pair], limits, equalities, friction
         return [mujoco.mju_sum(part) for part in parts]

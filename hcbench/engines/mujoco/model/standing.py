@@ -49,15 +49,15 @@ if TYPE_CHECKING:
 # Time of each rest, s.
 _SECONDS = 4.0
 # Time that fingers have to close, s, before gravity pulls at what they hold.
-_CLOSES = 0.5
+_CLOSING_SECONDS = 0.5
 # Times as long, at most, are waited for a body whose vibration still dies away.
 _LONGER = 4
 # Bounds the time of a rest at short steps.
 _MOST_STEPS = 20_000
 # A grasp starts with this many times the least force that holds the body.
-_GRIPS = 4.0
+_FIRST_GRIP = 4.0
 # That force is doubled so often, at most.
-_HARDER = 6
+_GRIPS_MAX = 6
 # Cosine of two normals below which two contacts face each other.
 _OPPOSITE = -0.7
 # Steps that are timed at once.
@@ -67,8 +67,8 @@ _REPEATS = 5
 # A robot of which a part turns by more than this, rad, has fallen: servos that sag turn it by less.
 _FALLEN = 0.5
 # Speed of what is laid down as it slides, m/s, and for how long it is followed, s.
-_SLIDES = 1.0
-_SLIDES_S = 1.0
+_SLIDING_SPEED = 1.0
+_SLIDING_SECONDS = 1.0
 
 
 def standing(opened: Sequence[OpenedModel]) -> Standing:
@@ -106,17 +106,19 @@ def stands_on_world(opened: OpenedModel) -> bool:
 
 
 def _has_fallen(opened: OpenedModel, data: Any) -> bool:
-    """Say whether a part of the robot to which the pair's first body belongs has turned far since
-    the touch, as where its actuators do not hold it.
+    """Say whether any body of the robot with the pair's first part has turned by more than _FALLEN,
+    rad, since the touch, as one does that its actuators do not hold.
 
-    data: after a rest on the level.
+    data: MjData after a rest on the level.
     """
     model = opened.model
     start = _at_touch(opened)
     backend().mj_kinematics(model, start)
     robot = model.body_rootid == model.body_rootid[opened.place.pair.first.body]
-    # A turn from one unit quaternion to another is twice the angle between them.
+    # A turn from one unit quaternion to another is twice the angle between them; q and -q are the
+    # same attitude.
     cosines = np.abs((start.xquat[robot] * data.xquat[robot]).sum(axis=1))
+    # Not "any below": NaN has fallen, too.
     return not bool((cosines > math.cos(0.5 * _FALLEN)).all())
 
 
@@ -206,8 +208,8 @@ def _rest(
     in numbers that are not finite. While its vibration dies away that is the tail of settling: it is
     measured again over the next half, _LONGER times at most.
 
-    data: MjData at the start; moved on. gravity: m/s², (3,); None: the model's, which holds again
-    afterwards.
+    data: MjData at the start; moved on. gravity: m/s², (3,), in place of the model's, which holds
+    again afterwards; None: the model's.
     from_body: number of the body from which positions are taken, such as a hand; 0: the world.
     """
     model = opened.model
@@ -239,12 +241,13 @@ def _rest_in(opened: OpenedModel, data: Any, steps: int, from_body: int) -> Rest
     normal = opened.place.contact.normal
     timestep = opened.model.opt.timestep
     moment = np.arange(len(force)) * timestep
-    height = position @ normal
-    rate = np.gradient(height, timestep)
+    # The normal points into the second part: how far, m, and how fast, m/s, the first part sinks.
+    sunk = position @ normal
+    rate = np.gradient(sunk, timestep)
     moved = position
     # A body that sinks into the world does not drift.
     if from_body == 0:
-        moved = position - np.outer(height, normal)
+        moved = position - np.outer(sunk, normal)
     return rest_of(moment, depth, rate, force, moved)
 
 
@@ -302,9 +305,9 @@ def _hold(one: OpenedModel, other: OpenedModel) -> float:
     """Drift of a body that two fingers hold by friction against gravity, m/s; NaN where they cannot,
     and without friction.
 
-    one, other: the pairs of the body with each finger. The fingers close without gravity, pushed
-    towards the body by _GRIPS times the force that friction needs, or more if servos resist; then
-    gravity pulls at the body.
+    one, other: the pairs of the body with each finger; the body is the first part of both. The
+    fingers close without gravity, pushed towards the body by _FIRST_GRIP times the force that
+    friction needs, or more if servos resist; then gravity pulls at the body.
     """
     model = one.model
     friction = _friction_of(one)
@@ -312,16 +315,19 @@ def _hold(one: OpenedModel, other: OpenedModel) -> float:
         return math.nan
     gravity = np.array(model.opt.gravity)
     weight = STANDARD_GRAVITY * float(model.body_subtreemass[one.place.pair.first.body])  # N
-    push = _GRIPS * weight / (2.0 * friction)  # N, of each side
+    # N, of each finger: the friction of both carries the weight.
+    push = _FIRST_GRIP * weight / (2.0 * friction)
     # Servos that hold the two fingers open push back, by a force that is not known.
-    for _ in range(_HARDER):
+    for _ in range(_GRIPS_MAX):
         data = copy.copy(one.start)
+        # The normals point from the body to the fingers.
         for each in (one, other):
             data.xfrc_applied[each.place.pair.second.body, :3] -= push * each.place.contact.normal
         model.opt.gravity[:] = 0.0
-        backend().mj_step(model, data, nstep=round(_CLOSES / model.opt.timestep))
+        backend().mj_step(model, data, nstep=round(_CLOSING_SECONDS / model.opt.timestep))
         model.opt.gravity[:] = gravity
         weaker = min(_force(one, data), _force(other, data))
+        # Friction could carry the body twice.
         if weaker * 2.0 * friction > 2.0 * weight:
             return _rest(one, data, from_body=one.place.pair.second.body).drift
         push *= 2.0
@@ -345,11 +351,11 @@ def _highest_hop(opened: Sequence[OpenedModel]) -> float:
 
 
 def _hop(opened: OpenedModel) -> float:
-    """Lay a body down as it slides, and measure how high it hops, m; NaN where it cannot slide,
-    infinite where the state is not finite at the end.
+    """Lay a body down as it slides at _SLIDING_SPEED, and measure how high its centre hops above its
+    start, m; NaN where it cannot slide, infinite where the state is not finite at the end.
 
-    opened: with the pair at touch. What it falls in the first step is taken off: the contact does
-    not yet know of it.
+    opened: with the pair at touch. What gravity lets it fall in one step, g h², is taken off: in the
+    first step the contact does not act yet.
     """
     mujoco = backend()
     model = opened.model
@@ -357,9 +363,10 @@ def _hop(opened: OpenedModel) -> float:
     timestep = model.opt.timestep
     data = _at_touch(opened)
     data.qvel[:] = 0.0
-    slide = MujocoAlongPlate(place, Launch(0.0, slip=(_SLIDES, 0.0)), None)
+    slide = MujocoAlongPlate(place, Launch(0.0, slip=(_SLIDING_SPEED, 0.0)), None)
     try:
         slide.send(data, 0.0)
+    # The joints do not let it slide.
     except UserError:
         return math.nan
     mujoco.mj_forward(model, data)
@@ -367,7 +374,7 @@ def _hop(opened: OpenedModel) -> float:
     up = -place.contact.normal
     start = float(data.xipos[body] @ up)
     highest = 0.0
-    for _ in range(min(_MOST_STEPS, round(_SLIDES_S / timestep))):
+    for _ in range(min(_MOST_STEPS, round(_SLIDING_SECONDS / timestep))):
         mujoco.mj_step(model, data)
         highest = max(highest, float(data.xipos[body] @ up) - start)
     if not np.isfinite(data.qpos).all():
@@ -452,6 +459,7 @@ def carried_by(opened: OpenedModel) -> Carried:
     bears it: so they turn no joint while the contact holds. Creep is left NaN for parts that joints
     move, for a plate that is tilted or moves, and without friction.
     """
+    # How it rests, and the MjData at the end.
     rest, data = laid_down(opened)
     if rest is None or not math.isfinite(rest.penetration) or not rests(rest):
         return Carried()
@@ -489,7 +497,8 @@ def _creep(opened: OpenedModel, data: Any) -> tuple[float, float]:
     body = opened.place.pair.first.body
     turns = np.zeros((3, opened.model.nv))
     backend().mj_jacBody(opened.model, data, None, turns, body)
-    spin = float(np.linalg.norm(turns @ data.qvel))
+    spin = float(np.linalg.norm(turns @ data.qvel))  # rad/s
+    # From the contact to the body's centre, m: a body that rolls drifts by the spin times this.
     lever = float(np.linalg.norm(_ForceAtTouch(opened, data).point - data.xipos[body]))
     return slope, creep_of(rest.drift, spin, lever)
 
@@ -510,10 +519,10 @@ def _push(opened: OpenedModel, data: Any, touch: _ForceAtTouch, force: Floats) -
 
 
 def _pressed(opened: OpenedModel, resting: Any, touch: _ForceAtTouch, times: float) -> BorneLoad:
-    """Press a resting pair together by `times` its force at rest: the force that the contact then
-    bears, N, and its penetration, m, over the last steps.
+    """Press a resting pair together, so that its contact bears `times` its force at rest, and measure
+    what it bears then: force, N, and penetration, m, over the last LAST of the steps.
 
-    resting: MjData at rest, which stays as it is. touch: the contact in it.
+    resting: MjData at rest, which stays as it is. touch: the contact in it. times: above 1.
     """
     model = opened.model
     data = copy.copy(resting)
@@ -522,6 +531,7 @@ def _pressed(opened: OpenedModel, resting: Any, touch: _ForceAtTouch, times: flo
     steps = min(PRESSED_STEPS, round(PRESSED_S / model.opt.timestep))
     last = max(1, round(LAST * steps))
     backend().mj_step(model, data, nstep=steps - last)
+    # Force, N, and penetration, m, after each step.
     rows = np.zeros((last, 2))
     sides = opened.place.pair.sides.tolist()
     for i in range(last):
@@ -547,10 +557,12 @@ def _friction(opened: OpenedModel, resting: Any, touch: _ForceAtTouch) -> list[f
         row = opened.place.pair.approach_row(resting, touch.point, way)
         return effective_mass(opened.model, resting, row)
 
+    # Along a way with a larger mass, kg, joints hold the part, not friction.
     most = mass(opened.place.contact.normal) / _GUIDED
     ways = [axis for axis in touch.axes if mass(axis) < most]
     if len(ways) > 1:
         ways.append((ways[0] + ways[1]) / math.sqrt(2.0))
+    # N: more than friction bears.
     size = push_of(_friction_of(opened), touch.normal)
     limits = []
     for way in ways:
@@ -560,6 +572,7 @@ def _friction(opened: OpenedModel, resting: Any, touch: _ForceAtTouch) -> list[f
         for _ in range(PUSHED_STEPS):
             backend().mj_step(opened.model, data)
             now = _ForceAtTouch(opened, data)
+            # Friction points against the push.
             if now.normal > 0.0:
                 limit = max(limit, -float(now.along @ way) / now.normal)
         limits.append(limit)

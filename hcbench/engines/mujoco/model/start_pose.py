@@ -46,12 +46,14 @@ def require_plausible_model(model: Any, label: str) -> None:
         ("geom", "size"),
         ("geom", "friction"),
     ):
+        # A row for each body or geom, of one number or more.
         values = getattr(model, f"{kind}_{field}")
         bad = np.argwhere(~(np.isfinite(values) & (values >= 0)))
         if bad.size:
-            number = int(bad[0][0])
-            value = float(values[tuple(bad[0])])
-            got = f"{label}: {field} {value:g} of {kind} {getattr(model, kind)(number).name or number}"
+            first = tuple(bad[0].tolist())
+            number = first[0]
+            name = getattr(model, kind)(number).name or number
+            got = f"{label}: {field} {float(values[first]):g} of {kind} {name}"
             raise SceneError("model", got, "numbers of 0 or more")
     require_bounds(f"{label}: timestep", [float(model.opt.timestep)], "timestep", "s")
     if model.opt.timestep <= 0:
@@ -113,11 +115,13 @@ def require_quaternions(model: Any, qpos: Floats, slot: str) -> None:
     kinds = backend().mjtJoint
     for joint in range(model.njnt):
         at = int(model.jnt_qposadr[joint])
+        # A free joint's quaternion follows its position; hinges and slides have none.
         begins = {int(kinds.mjJNT_FREE): at + 3, int(kinds.mjJNT_BALL): at}
-        turns = begins.get(int(model.jnt_type[joint]))
-        if turns is None:
+        quaternion = begins.get(int(model.jnt_type[joint]))
+        if quaternion is None:
             continue
-        if np.linalg.norm(qpos[..., turns : turns + 4], axis=-1).min() < _LEAST_QUATERNION:
+        lengths = np.linalg.norm(qpos[..., quaternion : quaternion + 4], axis=-1)
+        if lengths.min() < _LEAST_QUATERNION:
             got = f"the quaternion of {_joint_name(model, joint)!r} is 0"
             raise QuantityError(slot, got, "one of length 1, w x y z")
 
@@ -181,6 +185,7 @@ def _reset(model: Any, data: Any, key: str | None) -> str:
 
     Raises UserError for a keyframe that the model does not have.
     """
+    # MuJoCo's zero first: keyframe i is at i + 1. One without a name goes by its number.
     names = ["qpos0", *(model.key(i).name or str(i) for i in range(model.nkey))]
     if key is None:
         key = names[min(1, model.nkey)]
@@ -279,6 +284,7 @@ def beyond_limit(model: Any, data: Any, joint: int) -> tuple[float, float, float
     low, high = model.jnt_range[joint].tolist()
     address = int(model.jnt_qposadr[joint])
     if kind == kinds.mjJNT_BALL:
+        # The scalar part of a quaternion, which comes first, is the cosine of half the angle.
         angle = 2.0 * math.acos(min(1.0, abs(float(data.qpos[address]))))
         return angle - high, TURNED, math.nan
     value = float(data.qpos[address])

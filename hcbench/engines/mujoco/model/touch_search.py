@@ -54,6 +54,7 @@ class TouchSearch:
         # MuJoCo gives the distance of some shapes only roughly: its contact is scanned for.
         if first is None:
             before, behind = self._window()
+            # m along the way; None where no contact begins in the window.
             begun = travel_by_scan(
                 lambda t: self._contact(t) is not None, travel - before, travel + behind
             )
@@ -61,6 +62,7 @@ class TouchSearch:
             if begun is None or first is None:
                 return None
             travel = begun
+        # At `at`, m along the way, the two are about `depth`, m, in each other, and have a contact.
         depth, contact = first
         at = travel + depth
         # The engine's own collision function has the last word on where the two touch.
@@ -70,6 +72,7 @@ class TouchSearch:
                 break
             at = nearer
             contact = seen
+        # The force begins at the onset.
         self._go(at + contact.distance - contact.onset)
         return contact
 
@@ -130,6 +133,7 @@ def swing(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Floats |
     the robot's, the others are held.
     """
     move = np.zeros_like(row)
+    # The tree of each degree of freedom: are there others in the trees of `dofs`?
     roots = model.body_rootid[model.dof_bodyid]
     if len(dofs) < int(np.isin(roots, roots[list(dofs)]).sum()):
         move[list(dofs)] = _push_on(model, data, row, dofs)
@@ -169,6 +173,7 @@ def _along_equalities(model: Any, data: Any, push: Floats) -> Floats:
     """
     mujoco = backend()
     held = np.flatnonzero(data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+    # E, the Jacobian of the equalities.
     rows = np.zeros((len(held), model.nv))
     for jacobian, i in zip(rows, held, strict=True):
         unit = np.zeros(data.nefc)
@@ -233,6 +238,7 @@ def swing_to_touch(
         move = swing(model, data, pair.approach_row(data, near.point, normal), dofs)
         if move is None or abs(near.distance) < _CLOSE:
             return move
+        # At 1 m/s the distance is the time left, s; an overlap moves back.
         stride = float(np.clip(near.distance, -_STRIDE, _STRIDE))
         mujoco.mj_integratePos(model, data.qpos, move, stride)
         data.qpos[places] = np.clip(data.qpos[places], low, high)

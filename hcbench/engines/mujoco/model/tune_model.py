@@ -70,6 +70,7 @@ def attitudes(model: Any, label: str, state: Any, request: Request) -> list[tupl
     and quaternions. Raises UserError or SceneError where the pair cannot be brought to touch.
     """
     placed = MujocoModel(model, label, state, request)
+    # The geom of the body that moves, and what it meets.
     geom, other = placed.place.contact.geoms
     if int(model.geom_bodyid[geom]) != placed.place.pair.first.body:
         geom, other = other, geom
@@ -121,10 +122,13 @@ def _turned(placed: MujocoModel, geom: int, way: tuple[float, float, float]) -> 
         # A cylinder has its radius first and half its length second.
         radius, half_length, _ = half_sizes
         half_sizes = np.array([radius, radius, half_length])
-    upright = copy.copy(start)
-    backend().mj_kinematics(model, upright)
-    frame = upright.geom_xmat[geom].reshape(3, 3)
-    turn = _turn(frame @ _unit(half_sizes * np.array(way)), normal)
+    data = copy.copy(start)
+    backend().mj_kinematics(model, data)
+    frame = data.geom_xmat[geom].reshape(3, 3)
+    # The way in the world, at the start, and the turn that leads it into the normal.
+    way_now = frame @ _unit(half_sizes * np.array(way))
+    turn = _turn(way_now, normal)
+    # A free joint in qpos: position (3), then quaternion w x y z.
     address = int(model.jnt_qposadr[model.body_jntadr[model.geom_bodyid[geom]]])
     attitude = slice(address + 3, address + 7)
     qpos: Floats = start.qpos.copy()
@@ -175,6 +179,7 @@ def _turn(start: Floats, end: Floats) -> Floats:
     if cosine < -1.0 + 1e-12:
         _, _, start_and_across = np.linalg.svd(start[None])
         return np.array([0.0, *start_and_across[1]])
+    # (1 + cos, sin) of an angle is a multiple of (cos, sin) of its half, which a quaternion has.
     return _unit(np.array([1.0 + cosine, *axis]))
 
 
@@ -228,28 +233,32 @@ def model_settings(
     adhesive = can_pull(version)
 
     def setting(name: str, rows_of: Mapping[_Kind, Rows]) -> ModelSetting:
+        """The setting of this name in which each pair has the rows of its kind."""
         return _setting(source, label, name, _with_rows(pairs, rows_of))
 
-    # The first pair of each kind.
+    # First those that need no search: by the first pair of each kind.
     leaders = {pair.like: pair for pair in reversed(pairs)}
     choices = [row_choices(goal, pair.band, pair.load, adhesive) for pair in leaders.values()]
-    # Servos and damped joints take what a soft contact of many steps
-    # gives: only the first is offered.
+    # Servos and damped joints of a robot take what a soft contact of many steps gives: only the
+    # first choice is offered.
     is_eaten = model.nv > _HEAVY and has_more_than_contacts(model)
     most_choices = 1 if is_eaten else None
-    # Each choice has (name, rows) for every kind of pair, of one name.
+    # The kinds' choices go in step: (name, rows) of each kind, under one name.
     for choice in itertools.islice(zip(*choices, strict=True), most_choices):
         name, _ = choice[0]
         rows_of = {}
         for like, (_, rows) in zip(leaders, choice, strict=True):
             rows_of[like] = rows
         yield setting(name, rows_of)
-    # Friction changes the e of a row of one step where the two slide, by how much the launches say.
+    # Then one that `row_choices` leaves out where pairs slide: friction changes the e of a row of
+    # one step, by how much the launches say.
     constant = goal.best_constant(*pairs[0].band)
-    if most_choices is None and constant >= NO_BOUNCE and not any(pair.load.rk4 for pair in pairs):
+    slides = any(pair.load.slides for pair in pairs)
+    is_rk4 = any(pair.load.rk4 for pair in pairs)
+    if slides and not is_eaten and not is_rk4 and constant >= NO_BOUNCE:
         rows_of = {pair.like: one_step(constant, pair.load.timestep) for pair in pairs}
-        if any(pair.load.slides for pair in pairs):
-            yield replace(setting(ONE_STEP, rows_of), slides=True)
+        yield replace(setting(ONE_STEP, rows_of), slides=True)
+    # Last the search, which reads the distance of the geoms.
     if all(math.isfinite(pair.place.gap) for pair in pairs):
         yield setting("stiff spring and damper", _searched(source, pairs, goal, was, adhesive))
 

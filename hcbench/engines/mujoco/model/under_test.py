@@ -202,7 +202,7 @@ class MujocoModel(OpenedModel, LendsSteps):
         data = copy.copy(self.start)
         if not np.isfinite(place.gap):
             return 1.0
-        back = _LAST_PART * place.pair.size
+        back = _LAST_PART * place.pair.size  # m
         data.qpos[:] = place.qpos
         backend().mj_integratePos(self.model, data.qpos, place.direction, -back)
         backend().mj_fwdPosition(self.model, data)
@@ -262,21 +262,23 @@ class MujocoModel(OpenedModel, LendsSteps):
         impacts: of the launches; the one whose friction is weakest is simulated again in the copy.
         """
         friction = geom_friction(self.model, self.place.contact.geoms)
-        suspect = pyramidal_cone(self.model, impacts, friction)
-        if suspect is None:
+        found = pyramidal_cone(self.model, impacts, friction)
+        if found is None:
             return []
-        slowest, named = suspect
-        (tried,) = simulate.impacts_in(self.fixed([named]), [slowest.launch])
-        if tried.tangential is None or slowest.tangential is None:
+        weakest, suspect = found
+        # The same launch once more, with an elliptic cone.
+        (tried,) = simulate.impacts_in(self.fixed([suspect]), [weakest.launch])
+        if tried.tangential is None or weakest.tangential is None:
             return []
-        before = slowest.tangential.impulse_ratio
+        # Impulse of friction over that of the contact's normal.
+        before = weakest.tangential.impulse_ratio
         after = tried.tangential.impulse_ratio
         if after - before < WEAK * friction:
             return []
         evidence = (
             f"friction takes {before:.3g} of the normal impulse, {after:.3g} with an elliptic cone"
         )
-        return [dataclasses.replace(named, evidence=f"{evidence}; by Coulomb's law {friction:g}")]
+        return [dataclasses.replace(suspect, evidence=f"{evidence}; by Coulomb's law {friction:g}")]
 
     def _others(self) -> list[str]:
         return self.place.pair.names_of_others(self.others)
@@ -288,7 +290,8 @@ class MujocoModel(OpenedModel, LendsSteps):
         can no longer be brought to touch.
         """
         model = copy.copy(self.model)
-        for suspect in sorted(suspects, key=lambda c: c.apply_last):
+        # False sorts before True.
+        for suspect in sorted(suspects, key=lambda suspect: suspect.apply_last):
             if suspect.apply is not None:
                 suspect.apply(model)
         return MujocoModel(model, self.label, self.state, self.request)

@@ -86,17 +86,16 @@ class PairWorlds(ContactFamily):
         self.notes = tuple(self._written.notes)
         self.slides = any(pair.load.slides for pair in pairs)
         self.mobility = tuple(pair.sliding_mobility / pair.load.strength for pair in pairs)
-        # Of each <pair>: its place in this list, its number in the model, and the part of the
-        # row's solref that it has: several points share one row's strength.
+        # Of each <pair>: the index in `pairs` of its pair, its number in the model, and its solref
+        # over the row's, (2,): `written` scales it by MuJoCo's estimate of the mass there.
         self._numbers: list[tuple[int, int, Floats]] = []
-        for pair in pairs:
+        for of_pair, pair in enumerate(pairs):
             asked = np.array(row_of(pair, 0.5).solref)
             for geoms in pair.geoms:
                 (number,) = explicit_pairs(self._model, geoms)
+                # A number that is 0 is so at every e.
                 share = self._model.pair_solref[number] / np.where(asked, asked, 1.0)
-                self._numbers.append((len(self._numbers), number, share))
-        # Index in `pairs` of each <pair>'s pair.
-        self._of_pair = np.repeat(np.arange(len(pairs)), [len(pair.geoms) for pair in pairs])
+                self._numbers.append((of_pair, number, share))
 
     def parameters(self, nominal: Floats, friction: Floats | None) -> dict[str, Floats]:
         """solref, solimp and friction of every <pair> of the model in each of n worlds, by the
@@ -105,19 +104,21 @@ class PairWorlds(ContactFamily):
         nominal: e that each contact would have on a free body, (n, pairs). friction: μ of each
         world, (n,); None: the model's own. <pair>s of the model's own that are not randomised have
         their own values.
+
+        Shapes: (n, npair, 2), (n, npair, 5) and (n, npair, 5). Only solref depends on e.
         """
         count = len(nominal)
         solref = np.repeat(self._model.pair_solref[None], count, axis=0)
-        sliding = np.repeat(self._model.pair_friction[None], count, axis=0)
-        for i, number, share in self._numbers:
-            of_pair = self._of_pair[i]
+        frictions = np.repeat(self._model.pair_friction[None], count, axis=0)
+        for of_pair, number, share in self._numbers:
             pair = self._pairs[of_pair]
             for world, e in enumerate(nominal[:, of_pair].tolist()):
                 solref[world, number] = share * self._row_of(pair, e).solref
             if friction is not None:
-                sliding[:, number, :2] = friction[:, None]
+                # The first two numbers are the sliding μ, of both ways along the plate.
+                frictions[:, number, :2] = friction[:, None]
         solimp = np.repeat(self._model.pair_solimp[None], count, axis=0)
-        return {"pair_solref": solref, "pair_solimp": solimp, "pair_friction": sliding}
+        return {"pair_solref": solref, "pair_solimp": solimp, "pair_friction": frictions}
 
     def open(self, request: Request) -> MujocoModel:
         """A copy of the model with the <pair>s, with the request's step and gravity."""
@@ -173,8 +174,9 @@ def _spring_row(
     cone allows it.
 
     impedance: d of the spring and its damper. impratio: of the whole model; 0: no pair slides.
-    steps: in half a period of the spring. pair: it has the load. A stiff spring, of a high
-    impedance, sets an acceleration whatever the mass, so it is not scaled by the load.
+    steps: in half a period of the spring. pair: whose contact it is, with its load. e: on a free
+    body. A stiff spring, of a high impedance, sets an acceleration whatever the mass, so it is not
+    scaled by the load.
     """
     load = pair.load
     if impedance > _SOFT:
@@ -183,6 +185,8 @@ def _spring_row(
     if not _can_slide(pair):
         return row
     weight = _weight(pair, impedance, impratio)
+    # MuJoCo's row takes w/(1 + w) of a slip v in a step if its damping is d/h, in 1/s: this one is
+    # so much stronger that it takes all.
     damping = impedance * (1.0 + weight) / weight / load.timestep
     return ConstraintRow(row.solref, row.solimp, solreffriction=(0.0, -damping))
 
@@ -206,6 +210,7 @@ def _impratio(model: Any, pairs: Sequence[PairToTune], impedance: float) -> floa
     """
     own = float(model.opt.impratio)
     is_elliptic = model.opt.cone == backend().mjtCone.mjCONE_ELLIPTIC
+    # MuJoCo uses an impratio with elliptic cones alone.
     needed = own if is_elliptic else 1.0
     if impedance > _SOFT:
         needed = max(needed, _STIFF_IMPRATIO)
@@ -214,10 +219,11 @@ def _impratio(model: Any, pairs: Sequence[PairToTune], impedance: float) -> floa
         if not _can_slide(pair):
             continue
         needed = max(needed, _FRICTION_WEIGHT / _weight(pair, impedance, 1.0))
-        # The damping of a row of any weight is at least this.
+        # The damping of a row of any weight is at least this, 1/s.
         damping = impedance / pair.load.timestep
-        after = slip_under_load((0.0, -damping), solimp, impedance)
+        slip_after = slip_under_load((0.0, -damping), solimp, impedance)
+        # The user's contact, where it lies deep: at its full impedance.
         now = contact_in_force(model, *pair.geoms[0])
-        before = slip_under_load(now["solref"], now["solimp"], now["solimp"][1])
-        needed = max(needed, _LESS_CREEP * own * after / before)
+        slip_before = slip_under_load(now["solref"], now["solimp"], now["solimp"][1])
+        needed = max(needed, _LESS_CREEP * own * slip_after / slip_before)
     return float(f"{needed:.2g}")

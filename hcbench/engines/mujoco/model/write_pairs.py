@@ -138,6 +138,7 @@ def row_choices(
     Raises SearchInterrupted, with the best so far, where the user stops the fit of the two.
     """
     h = load.timestep
+    # The one e that is least wrong over the band.
     constant = goal.best_constant(*band)
     if constant < NO_BOUNCE:
         stop = ConstraintRow.direct(_STOP / h**2, 1.0 / h, STIFF_SOLIMP)
@@ -150,6 +151,7 @@ def row_choices(
     steps = _RK4_STEPS if load.rk4 else half_period_steps(load.points)
     yield f"spring of {steps} steps", (spring_row(constant, steps, load),)
     e = goal.at(np.geomspace(*band, 50))
+    # Two rows need an e to work at: without a bounce, or without a loss, there is nothing to fit.
     if e.min() > NO_BOUNCE and e.max() < 1.0:
         # Two digits: two feet whose loads differ by rounding share one fit.
         strength = float(f"{load.strength:.2g}")
@@ -172,15 +174,16 @@ def one_step(e: float, timestep: float) -> Rows:
 def spring_row(e: float, steps: int, load: Load, solimp: Solimp = SPRING_SOLIMP) -> ConstraintRow:
     """One row with this e and a half period of `steps` steps, for the load.
 
-    solimp: of one impedance. Euler's steps are matched exactly, so the steps are whole; RK4 follows
-    continuous time, in which the half period lasts as long.
+    e: at least _LEAST_E is made. solimp: of one impedance. Euler's steps are matched exactly, so the
+    steps are whole; RK4 follows continuous time, in which the half period lasts as long.
     """
     loss = -math.log(max(e, _LEAST_E))
-    lasts = steps * load.timestep
-    # A damper b and a half period T have e = exp(-b T/2), and the stiffness (π/T)² + (b/2)².
+    half_period = steps * load.timestep  # s
+    # Per unit mass: a damper b, 1/s, and a half period T, s, have e = exp(-b T/2), and the stiffness
+    # (π/T)² + (b/2)², 1/s².
     if load.rk4:
-        stiffness = (math.pi**2 + loss**2) / lasts**2
-        damping = 2.0 * loss / lasts
+        stiffness = (math.pi**2 + loss**2) / half_period**2
+        damping = 2.0 * loss / half_period
     else:
         # Semi-implicit Euler: a step multiplies the oscillation by √c and turns it by π/steps.
         c = math.exp(-2.0 * loss / steps)
@@ -293,7 +296,8 @@ def own_text(source: Any, folder: Path | None, lines: str) -> str:
     folder: of the file that is to be written, from which its paths then lead; None: they stay.
     lines: XML for the end of <mujoco>.
 
-    Raises UserError for a file that is not in UTF-8.
+    Also "" for a text that does not end with </mujoco>. Raises UserError for a file that is not in
+    UTF-8.
     """
     path = _path(source)
     if path is not None and path.suffix.lower() != ".urdf":
@@ -316,10 +320,15 @@ def own_text(source: Any, folder: Path | None, lines: str) -> str:
 
 
 def _moved(text: str, path: Path, folder: Path) -> str:
-    """A model's text with its includes as they are found from another folder."""
+    """A model's text with its includes as they are found from another folder.
+
+    path: of the file that the text is from. folder: where the text will be.
+    """
 
     def moved(match: re.Match[str]) -> str:
-        return f"{match[1]}{quoted(os.path.relpath((path.parent / match[3]).resolve(), folder.resolve()))}"
+        """The <include> of one match: its begin, up to the "=", and the new path in quotes."""
+        included_file = (path.parent / match[3]).resolve()
+        return f"{match[1]}{quoted(os.path.relpath(included_file, folder.resolve()))}"
 
     return _INCLUDE.sub(moved, text)
 
@@ -429,6 +438,7 @@ def texts_of(source: Any, made: Written, sections: Sequence[str], output: Output
     MuJoCo's text of the model, which holds the lines itself and includes no file.
     Raises UserError for a file that is not in UTF-8.
     """
+    # An empty section would leave an empty line.
     paste = "\n".join(filter(None, (made.lines, *sections)))
     lines = paste
     if output.include:
@@ -460,13 +470,17 @@ def written(
     for pair, _ in pairs:
         geoms += pair.geoms
     names = name_geoms(spec, model, geoms, notes)
+    # The user's own text can stay, with lines added, if its geoms have names (a note says which do
+    # not) and it has no <pair>s of them, which the new ones would stand beside.
     own = not notes and not taken_pairs(model, geoms)
     for pair, rows in pairs:
         for one, other in pair.geoms:
             lines += _write_rows(spec, model, pair, (one, other), (names[one], names[other]), rows)
+    # All pairs are tuned at one step and under one gravity.
     first_pair, _ = pairs[0]
     request = first_pair.requests[0]
-    step, gravity = new_step(spec, request), new_gravity(spec, request)
+    step = new_step(spec, request)
+    gravity = new_gravity(spec, request)
     option = options_of(spec, step, gravity)
     if impratio is None:
         impratio = needed_impratio(model, pairs)
@@ -566,27 +580,31 @@ def needed_impratio(model: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> flo
     for pair, rows in pairs:
         if not pair.load.slides:
             continue
-        if rows[0].solimp[0] == MIN_IMPEDANCE:
+        # Friction acts by the first row.
+        first = rows[0]
+        # As soft as MuJoCo lets a row be: the impratio of the recipe, not one by the user's contact.
+        if first.solimp[0] == MIN_IMPEDANCE:
             return IMPRATIO
         now = contact_in_force(model, *pair.geoms[0])
         # The user's contact is judged where it lies deep, at its full impedance.
-        before = slip_under_load(now["solref"], now["solimp"], now["solimp"][1])
-        needed = max(
-            needed,
-            own * slip_under_load(rows[0].solref, rows[0].solimp, rows[0].solimp[0]) / before,
-        )
+        slip_before = slip_under_load(now["solref"], now["solimp"], now["solimp"][1])
+        slip = slip_under_load(first.solref, first.solimp, first.solimp[0])
+        needed = max(needed, own * slip / slip_before)
+    # A tenth more, for the rounding to one digit.
     return float(f"{1.1 * needed:.1g}") if needed > own else 0.0
 
 
 def slip_under_load(solref: Sequence[float], solimp: Sequence[float], impedance: float) -> float:
     """Slip of a friction row under a load, s, but for factors that all rows have in common: (1 -
-    d)/(d b) at an impedance d, where MuJoCo's damping b is 2/(dmax timeconst), or -solref[1]/dmax.
+    d)/(d b) at an impedance d, where MuJoCo's damping b is 2/(dmax timeconst), or -solref[1]/dmax
+    (MuJoCo, "Computation": solver parameters).
 
     solref, solimp: of the row, in either of MuJoCo's formats. impedance: d, held within MuJoCo's
-    bounds.
+    bounds. A row without damping counts as one of 1e-6 1/s.
     """
     d = min(max(impedance, MIN_IMPEDANCE), MAX_IMPEDANCE)
     dmax = min(max(solimp[1], MIN_IMPEDANCE), MAX_IMPEDANCE)
+    # b dmax, 1/s: solref holds minus the damping, or the time constant, s.
     damping = -solref[1] if solref[0] <= 0.0 else 2.0 / max(solref[0], 1e-6)
     return (1.0 - d) / d * dmax / max(damping, 1e-6)
 
@@ -617,7 +635,7 @@ def _write_rows(
     model: compiled, as it was before.
     geoms, names: of the two, in one order.
 
-    Returns the lines of XML that a user can paste.
+    Returns the lines of XML that a user can paste, one for each row.
     """
     known = [p for p in spec.pairs if {p.geomname1, p.geomname2} == set(names)]
     for extra in known[1:]:
@@ -712,6 +730,10 @@ def _friction_damping(place: PairAtTouch, load: Load) -> float:
     which the pair slides most easily.
 
     place: the pair at touch. load: on its contact.
+
+    MuJoCo's row of regularisation R and mobility A takes A/(A + R) of what its damping asks for; at
+    the least impedance d, A/R is `weight`: d/(1 - d) times impratio, and the true mobility over the
+    estimated one.
     """
     weight = MIN_IMPEDANCE / (1.0 - MIN_IMPEDANCE) * IMPRATIO * sliding_mobility(place, load)
     return MIN_IMPEDANCE * (1.0 + weight) / max(weight, 1e-3) / load.timestep
@@ -719,10 +741,11 @@ def _friction_damping(place: PairAtTouch, load: Load) -> float:
 
 def sliding_mobility(place: PairAtTouch, load: Load) -> float:
     """Mobility (1/mass) of a pair in the direction in which it slides most easily, relative to the
-    one along the normal that MuJoCo estimates for a single point of the contact.
+    one along the normal that MuJoCo estimates for a single point of the contact; without unit.
 
     The former is the largest eigenvalue of J M^-1 J^T over the directions in the plate. place: the
-    pair at touch. load: on the contact; its strength has the estimate and the number of points.
+    pair at touch. load: on the contact; strength times effective mass is the number of points over
+    the estimated mobility.
     """
     model = place.pair.model
     data = backend().MjData(place.pair.model)
@@ -733,6 +756,7 @@ def sliding_mobility(place: PairAtTouch, load: Load) -> float:
     _, _, normal_and_across = np.linalg.svd(normal[None])
     across = normal_and_across[1:]
     rows = np.array([place.pair.approach_row(data, place.contact.point, way) for way in across])
+    # (2, 2), 1/kg; eigenvalues are sorted, the largest last.
     mobility = rows @ np.array([response(model, data, row) for row in rows]).T
     return load.strength * place.effective_mass * float(np.linalg.eigvalsh(mobility)[-1])
 

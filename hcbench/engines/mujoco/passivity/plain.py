@@ -90,6 +90,7 @@ class Contact:
         """
         plain = {"timestep": repr(self.timestep), "cone": options.cone, "solver": options.solver}
         option = " ".join(f'{key}="{value}"' for key, value in {**plain, **self.option}.items())
+        # In an <option> of its own, which comes later and so goes before the contact's.
         integrator = f'integrator="{options.integrator}" gravity="0 0 {-self.gravity!r}"'
         return backend().MjModel.from_xml_string(
             f"<mujoco><option {option}/><option {integrator}/><worldbody>"
@@ -230,7 +231,9 @@ def _findings(contact: Contact, options: Stepping, body: _ThrownBody) -> Iterato
     model.opt.gravity[2] = -contact.falls
     for speed, (slip, spin) in product(_THROWS, _MOTIONS):
         velocity = (*slip, -speed, *spin)
-        path = _followed(model, body, velocity, _THROWN_S, 2.4 * contact.timestep * speed)
+        # It touches after some steps of flight, within one.
+        above = 2.4 * contact.timestep * speed
+        path = _followed(model, body, velocity, _THROWN_S, above)
         grew = max(grew, path.grew)
     throws = len(_THROWS) * len(_MOTIONS)
     yield Finding(
@@ -243,8 +246,10 @@ def _findings(contact: Contact, options: Stepping, body: _ThrownBody) -> Iterato
     )
     if not body.lies:
         return
+    # Velocity, m/s, and spin, rad/s, of a body that is laid down, by how it moves.
     laid = {"sliding": (_SLIDES, 0, 0, 0, 0, 0), "spinning": (0, 0, 0, *_upright_spin(body))}
     if body.axle:
+        # Without slip: the spin times the height is the speed.
         rolls = np.array(body.axle) * _SLIDES / body.high
         laid["rolling"] = (_SLIDES, 0.0, 0.0, *rolls)
     model.opt.gravity[2] = -contact.gravity
@@ -296,6 +301,7 @@ def _followed(
     data.qvel[:] = velocity
     g = -model.opt.gravity[_Z]
     h = model.opt.timestep
+    # About the main axes over the mass, m²: the body is the first after the world.
     inertia = model.body_inertia[1] / model.body_mass[1]
     # Kinetic energy at the start, J/kg.
     began = (data.qvel[_LINEAR] @ data.qvel[_LINEAR] + inertia @ data.qvel[_SPIN] ** 2) / 2
@@ -312,12 +318,15 @@ def _followed(
     before = np.concatenate([[start], heights[:-1]])[free]
     # J/kg, of free flight.
     energy = ((v**2).sum(axis=1) + turning**2 @ inertia) / 2 + g * (before - body.high)
-    # What the contacts have added since the start: in free flight it stays.
+    # What the contacts have added since the start. From one state of a flight to the next the energy
+    # changes by MuJoCo's own error alone, which is left out.
     added = np.diff(energy, prepend=0.0)
     added[1:][np.diff(free) == 1] = 0.0
-    since = np.cumsum(added)
-    least = np.fmin.accumulate(since)[:-1]
-    grew = np.fmax.reduce(since[1:] / np.maximum(least, slowest), initial=0.0)
+    by_contacts = np.cumsum(added)
+    # Each energy over the least one before it.
+    least_before = np.fmin.accumulate(by_contacts)[:-1]
+    ratios = by_contacts[1:] / np.maximum(least_before, slowest)
+    grew = np.fmax.reduce(ratios, initial=0.0)
     return _Path(float(grew), float(np.fmax.reduce(heights)) - body.high)
 
 
@@ -510,7 +519,7 @@ def _growth(model: Any, data: Any, seconds: float) -> float:
     """
     g = -model.opt.gravity[_Z]
     h = model.opt.timestep
-    # J/kg, and m² about the main axes.
+    # J/kg, and m² about the main axes of the body, which is the first after the world.
     slowest = (_SLOWEST * g * h) ** 2 / 2
     inertia = model.body_inertia[1] / model.body_mass[1]
     start = float(data.qpos[_Z])
@@ -522,10 +531,11 @@ def _growth(model: Any, data: Any, seconds: float) -> float:
     free = contacts == 0
     v = speeds[free, _LINEAR] - np.array([0.0, 0.0, _gained_since(model)])
     turning = speeds[free, _SPIN]
-    # J/kg.
+    # J/kg, over that of a box at rest on its face.
     energy = ((v**2).sum(axis=1) + turning**2 @ inertia) / 2 + g * (heights[free] - HALF)
-    least = np.fmin.accumulate(energy)[:-1]
-    return float(np.fmax.reduce(energy[1:] / np.maximum(least, slowest), initial=0.0))
+    # Each energy over the least one before it.
+    least_before = np.fmin.accumulate(energy)[:-1]
+    return float(np.fmax.reduce(energy[1:] / np.maximum(least_before, slowest), initial=0.0))
 
 
 def boxes(contact: Contact, options: Stepping) -> Iterator[Finding]:
@@ -574,6 +584,7 @@ def certify(
             sliding += of_ball
             findings += of_ball
             of_boxes += boxes_slide(contact, options)
+        # Flat bodies pass under every option, or the contact is for round ones alone.
         is_flat = is_flat and all(finding.passed for finding in of_boxes)
         findings += of_boxes
     return Passivity(bounces, is_flat, drift, tuple(findings), sliding=tuple(sliding))

@@ -58,8 +58,10 @@ def library() -> Path:
 
 
 def compiler_arguments(folder: Path) -> tuple[list[str], list[str], list[Path]]:
-    """Flags, what to link, and the headers, for the MuJoCo in `folder`;
-    CannotRun where that lacks some.
+    """Arguments for a C compiler that builds against the MuJoCo in a folder: flags, with a macro for
+    each feature that differs between versions; what to link; and paths of the headers.
+
+    folder: of the mujoco package. Raises CannotRun where it has no headers or no library.
     """
     include = folder / "include"
     headers = sorted((include / "mujoco").glob("*.h"))
@@ -88,7 +90,7 @@ def compiler_arguments(folder: Path) -> tuple[list[str], list[str], list[Path]]:
     flags += [f"-D{name}" for name, is_so in differs.items() if is_so]
     if " nactuator;" in model:  # one may have several controls
         flags.append("-DHCB_ACTUATORS=m->nactuator")
-    # The rows of the inertia matrix were once in mjData, by other names.
+    # The rows of the sparse inertia matrix were once in mjData, by other names, one or the other.
     for name in ("M", "C"):
         if f" {name}_rownnz;" in data and " M_rownnz;" not in model:
             rows = ",".join(f"d->{name}_{part}" for part in ("rownnz", "rowadr", "colind"))
@@ -140,11 +142,12 @@ def install() -> Path:
 
 @checked
 def config(law: Law, friction: Friction | None = None, **more: str) -> tuple[str, dict[str, str]]:
-    """Return the plug-in of a law, and the config of its instance but for the pair.
+    """Return the name of a law's plug-in, and the config of its instance, texts by key, but for the
+    keys that name the pair.
 
-    more: other keys, unchanged.
+    friction: of a force law; None: without. more: other keys, unchanged.
 
-    Raises SettingError for friction with a restitution law.
+    Raises SettingError for friction with a restitution law, and for what is not a contact law.
     """
     require_law(law)
     if not is_force(law):
@@ -191,11 +194,10 @@ def add_to_spec(
     if not isinstance(spec, backend().MjSpec):
         raise SettingError("spec", f"{spec!r:.80}", "a mujoco.MjSpec")
     plugin, keys = config(law, friction, **more)
-    named = [
-        kind for kind, value in (("geoms", geoms), ("bodies", bodies), ("tendon", tendon)) if value
-    ]
-    if len(named) != 1:
-        raise SettingError("pair", " and ".join(named) or "none", "one of geoms, bodies and tendon")
+    pairs = {"geoms": geoms, "bodies": bodies, "tendon": tendon}
+    given = [kind for kind, names in pairs.items() if names]
+    if len(given) != 1:
+        raise SettingError("pair", " and ".join(given) or "none", "one of geoms, bodies and tendon")
     if tendon is not None:
         limited = _element(spec, "tendon", tendon)
         keys["tendon"] = tendon
@@ -236,15 +238,16 @@ def _exclude(spec: Any, kind: str, parts: Sequence[Any]) -> None:
     """
     if kind == "geom":
         geoms = list(parts)
-        owners = [geom.parent for geom in parts]
+        bodies = [geom.parent for geom in parts]
     else:
         geoms = [geom for body in parts for geom in body.geoms]
-        owners = list(parts)
+        bodies = list(parts)
     _warn_of_shapes(geoms)
-    for owner, part in zip(owners, parts, strict=True):
+    for body, part in zip(bodies, parts, strict=True):
         # An exclusion names bodies.
-        owner.name = owner.name or f"body of {part.name}"
-    first, second = (owner.name for owner in owners)
+        body.name = body.name or f"body of {part.name}"
+    first, second = (body.name for body in bodies)
+    # Several laws of the same two bodies share one exclusion.
     excluded = [{one.bodyname1, one.bodyname2} for one in spec.excludes]
     if {first, second} not in excluded:
         spec.add_exclude(bodyname1=first, bodyname2=second)
@@ -254,13 +257,13 @@ def _element(spec: Any, kind: str, name: str) -> Any:
     """The element of a spec of this kind and name. Raises SettingError, with names that are like
     it, where there is none.
     """
-    element = getattr(spec, kind)(name) if isinstance(name, str) else None
+    element = None
+    if isinstance(name, str):
+        # A spec finds one by `geom(name)`, and has all in `geoms`; a tendon and a body alike.
+        element = getattr(spec, kind)(name)
     if element is None:
-        names = [
-            one.name
-            for one in getattr(spec, "bodies" if kind == "body" else f"{kind}s")
-            if one.name
-        ]
+        every = getattr(spec, "bodies" if kind == "body" else f"{kind}s")
+        names = [one.name for one in every if one.name]
         raise SettingError(f"{kind} {name!r}", "not in the model", *suggest_names(str(name), names))
     return element
 
@@ -284,14 +287,15 @@ def _warn_of_shapes(geoms: Sequence[Any]) -> None:
 def hertz_stiffness(
     model: Any, geom1: str, geom2: str, material1: Material, material2: Material
 ) -> float:
-    """K of F = k x^(3/2) in N/m^1.5, eq. (5), from the radii of two
-    geoms: spheres, or one and a plane.
+    """Stiffness k of Hertz's contact F = k x^(3/2), eq. (5), N/m^1.5, from the radii of two geoms:
+    spheres, or a sphere and a plane.
 
-    Raises SettingError for another model, name or shape.
+    model: MjModel. geom1, geom2: names in it. material1, material2: their elasticity, in the same
+    order. Raises SettingError for another model, name or shape.
     """
     mujoco = backend()
     shapes = mujoco.mjtGeom
-    radii = []
+    radii = []  # m
     if not isinstance(model, mujoco.MjModel):
         raise SettingError("model", f"{model!r:.80}", "a mujoco.MjModel")
     for name in (geom1, geom2):
@@ -334,10 +338,12 @@ def write_law(root: ET.Element, scene: Scene, law: Law, path: Path) -> None:
     has.
     """
     form = scene.form
+    # A force acts in place of the model's own contact.
     if is_force(law) and form == "cup":
         named(root, "spatial", "contact", path).set("limited", "false")
     elif is_force(law):
         plate = named(root, "geom", "plate", path)
+        # The body that has the plate; without one it is the world's own.
         holder = next((body for body in root.iter("body") if plate in list(body)), None)
         other = "world" if holder is None else holder.get("name", "")
         remove_pairs(root)
@@ -347,12 +353,15 @@ def write_law(root: ET.Element, scene: Scene, law: Law, path: Path) -> None:
 
 
 def extension(law: Law, pair: Mapping[str, str], friction: float = 0.0) -> ET.Element:
-    """Return the section that declares a law's plug-in.
+    """Return the <extension> of MJCF that declares a law's plug-in, with one instance, "contact".
 
-    pair: the keys of its config that say of what.
-    friction: μ that goes with a force law; a restitution law keeps MuJoCo's.
+    pair: the keys of its config that name the pair, such as geom1 and geom2.
+    friction: μ that goes with a force law; 0: none. A restitution law keeps MuJoCo's.
     """
-    name, keys = config(law, Friction(friction, friction) if friction and is_force(law) else None)
+    of_force = None
+    if friction and is_force(law):
+        of_force = Friction(friction, friction)
+    name, keys = config(law, of_force)
     made = ET.Element("extension")
     instance = ET.SubElement(ET.SubElement(made, "plugin", plugin=name), "instance", name="contact")
     for key, value in (*pair.items(), *keys.items()):
@@ -377,16 +386,17 @@ def law_snippet(law: Law, form: str, pair: Pair = PAIR, friction: float = 0.0) -
     pair: names of the geoms, the first of which moves.
     friction: μ that goes with a force law; 0 for none.
     """
-    keys = _PAIRS[form] if form == "cup" else dict(zip(("geom1", "geom2"), pair, strict=True))
-    lines = [
-        "<!-- load the plug-in first: see `hcbench plugin mujoco` -->",
-        as_text(extension(law, keys, friction)).strip(),
-    ]
+    first, second = pair
+    keys = {"geom1": first, "geom2": second}
+    if form == "cup":
+        keys = _PAIRS[form]
+    lines = ["<!-- load the plug-in first: see `hcbench plugin mujoco` -->"]
+    # A force acts in place of the model's own contact, which is turned off.
     if is_force(law) and form == "cup":
-        lines.insert(
-            1,
-            '<!-- limited="false" on the tendon "contact": the force takes the place of its limit -->',
+        lines.append(
+            '<!-- limited="false" on the tendon "contact": the force takes the place of its limit -->'
         )
-    elif is_force(law):
-        lines.append(f'<contact><exclude body1="world" body2={quoted(pair[0])}/></contact>')
+    lines.append(as_text(extension(law, keys, friction)).strip())
+    if is_force(law) and form != "cup":
+        lines.append(f'<contact><exclude body1="world" body2={quoted(first)}/></contact>')
     return "\n".join(lines)

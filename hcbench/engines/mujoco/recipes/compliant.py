@@ -123,8 +123,11 @@ def spring_and_damper_rows(
     bounds = _bounds(1.0 - float(curve.at(low)), timestep, gravity, points or corners)
 
     def fit_to(band: tuple[int, int], below: tuple[int, int]) -> RowFit:
+        """The goal of a fit by launches on grids, each of (speeds, phases), in and below the band."""
         launches = _launches(curve, speeds, band, below)
-        return RowFit(*launches, gravity * timestep / high, corners, adhesive, rk4, *bounds)
+        # In units of the step and the band's highest speed.
+        fall = gravity * timestep / high
+        return RowFit(*launches, fall, corners, adhesive, rk4, *bounds)
 
     fine = fit_to((25, 10), (9, 12))
     with map_result(lambda parameters: fine.rows(parameters, timestep, high)):
@@ -152,10 +155,13 @@ def _launches(
         _grid(_SLOW * low / high, low / high, *below),
         _grid(1.0, max(1.0, _FAST / high), *above),
     ]
-    u = np.concatenate([shares for shares, _ in parts])
-    where = np.concatenate([phases for _, phases in parts])
-    target = np.where(np.arange(u.size) < parts[0][0].size, curve.at(u * high), np.nan)
-    return u, where, target
+    shares = np.concatenate([shares for shares, _ in parts])
+    phases = np.concatenate([phases for _, phases in parts])
+    # The launches in the band come first.
+    in_band, _ = parts[0]
+    is_in_band = np.arange(shares.size) < in_band.size
+    target = np.where(is_in_band, curve.at(shares * high), np.nan)
+    return shares, phases, target
 
 
 def _grid(lowest: float, highest: float, speeds: int, phases: int) -> tuple[Floats, Floats]:
@@ -165,7 +171,9 @@ def _grid(lowest: float, highest: float, speeds: int, phases: int) -> tuple[Floa
     speeds: how many. phases: how many at each speed; they are shifted from speed to speed, so that
     few of them leave no gap.
     """
+    # Multiples of the golden ratio, of which no two share a place (a sequence of low discrepancy).
     later = (np.arange(speeds) * _GOLDEN) % 1.0
+    # Not quite 0 or 1, where rounding decides which step sees the touch.
     where = np.clip((np.arange(phases) + later[:, None]).ravel() / phases, 0.003, 0.997)
     return np.repeat(np.geomspace(lowest, highest, speeds), phases), where
 
@@ -191,6 +199,8 @@ def pushing_row(
     n = half_period_steps(corners)
     # The row of whole steps, which is exact without gravity, is one of the first members.
     whole_steps = n, math.log(max(1e-4, 1.0 - e ** (2.0 / n)))
+    # The search for two rows, with the second one held at no damping: parameters are the half
+    # period in steps, log D h of the spring, and four of the damper.
     lowest, highest = _bounds(1.0 - e, timestep, gravity, corners)
     lowest[:2] = np.minimum(lowest[:2], whole_steps)
     highest[1] = _ALL
@@ -230,10 +240,10 @@ def _bounds(loss: float, timestep: float, gravity: float, corners: float) -> tup
     """
     lowest = _LOWEST.copy()
     highest = _HIGHEST.copy()
-    # No more than a part of the slowest impact's loss is the spring's, but what
-    # a body at rest calms down by.
+    # The spring's least damping D h: what a body at rest calms down by, but no more than a part of
+    # the slowest impact's loss.
     lowest[1] = math.log(min(_ENOUGH, _CALM * timestep, max(_LEAST, _SHARE * loss)))
-    # The spring's rest depth is g (n h/π)².
+    # The spring's rest depth is g (n h/π)², m, and may be _SAG h: so many steps n at most.
     if gravity > 0.0:
         softest = math.pi * math.sqrt(_SAG / (gravity * timestep))
         highest[0] = min(highest[0], max(softest, lowest[0] + 0.6))

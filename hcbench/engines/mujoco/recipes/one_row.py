@@ -58,10 +58,13 @@ def largest_power(midpoint: Floats) -> Floats:
 
 
 def _numbers(parameters: Floats) -> tuple[Floats, ...]:
-    """S, D, d0, dw, midpoint, power of parameters of shape (population, 6); each (population, 1)."""
-    s, d, floor, gap, midpoint, share = parameters.T[..., None]
-    power = np.maximum(1.0, largest_power(midpoint) * 10.0**share)
-    return 10.0**s, 10.0**d, 10.0**floor, 1.0 - 10.0**gap, midpoint, power
+    """S, D, d0, dw, midpoint, power of parameters of shape (population, 6); each (population, 1).
+
+    parameters: log10 S and D, log10 d0 and 1 - dw, midpoint, log10 of the power over the largest.
+    """
+    log_s, log_d, log_d0, log_gap, midpoint, log_share = parameters.T[..., None]
+    power = np.maximum(1.0, largest_power(midpoint) * 10.0**log_share)
+    return 10.0**log_s, 10.0**log_d, 10.0**log_d0, 1.0 - 10.0**log_gap, midpoint, power
 
 
 def _work_and_damping(parameters: Floats) -> tuple[Floats, Floats]:
@@ -73,6 +76,8 @@ def _work_and_damping(parameters: Floats) -> tuple[Floats, Floats]:
     """
     # Stiffness and damping; solimp's impedance at touch and at its width, midpoint and power.
     S, D, d0, dw, midpoint, power = _numbers(parameters)
+    # Around the midpoint a sigmoid of this power rises within a few midpoint/power; before it and
+    # after it the impedance hardly changes.
     step = midpoint * np.maximum(0.0, 1.0 + np.linspace(-10.0, 10.0, 121) / power)
     before = step[:, :1] * np.linspace(0.0, 1.0, 21)[None, :-1]
     after = step[:, -1:] + (np.geomspace(1.0, 3e3, 60)[None, 1:] - 1.0) * midpoint / power
@@ -80,7 +85,10 @@ def _work_and_damping(parameters: Floats) -> tuple[Floats, Floats]:
     depth = (edges[:, 1:] + edges[:, :-1]) / 2
     length = np.diff(edges, axis=1)
     d = impedance((d0, dw, 1.0, midpoint, power), depth)
-    return S * (d / dw) ** 2 * depth * length, D * d / dw * length
+    # One row of solref "-S -D" gives the acceleration S (d/dw)² x + D d/dw v.
+    work = S * (d / dw) ** 2 * depth * length
+    damping = D * d / dw * length
+    return work, damping
 
 
 def _mean(v: Floats, w: Floats) -> Floats:
@@ -119,17 +127,18 @@ def _way_in(work: Floats, damping: Floats, speeds: Floats) -> tuple[Whole, Float
     for i in range(work.shape[1]):
         P = work[:, i, None]
         G = damping[:, i, None]
-        # A first guess of the speed w at the interval's end, from w²/2 = v²/2 - P - G (v + w)/2.
+        # A first guess of the speed w at the interval's end, from w²/2 = v²/2 - P - G (v + w)/2;
+        # with it a better mean speed, and w².
         rough = np.sqrt(np.maximum(G**2 / 4 - 2 * P - G * v + v**2, 0.0)) - G / 2
-        left = v**2 - 2 * (P + G * _mean(v, np.maximum(rough, 0.0)))
-        stops = (last < 0) & (left <= 0.0)
+        squared = v**2 - 2 * (P + G * _mean(v, np.maximum(rough, 0.0)))
+        stops = (last < 0) & (squared <= 0.0)
         # Where it stops within the interval, its mean speed there is 2/3 of that at its start.
         reached = np.clip(v**2 / 2 / np.maximum(P + G * v * 2 / 3, 1e-300), 0.0, 1.0)
         part = np.where(stops, reached, part)
         last = np.where(stops, i, last)
         if (last >= 0).all():
             break
-        v = np.where(last < 0, np.sqrt(np.maximum(left, 0.0)), v)
+        v = np.where(last < 0, np.sqrt(np.maximum(squared, 0.0)), v)
     return last, part
 
 
@@ -143,14 +152,18 @@ def _way_out(work: Floats, damping: Floats, last: Whole, part: Floats) -> Floats
     contact only pushes.
     """
     s = np.zeros(part.shape)
+    # From the deepest interval of any impact up to the surface.
     for i in range(int(last.max()), -1, -1):
-        share = np.where(last == i, part, np.where(last > i, 1.0, 0.0))
+        # The share of this interval that an impact passes: part of its deepest, no deeper one.
+        share = np.where(last > i, 1.0, 0.0)
+        share = np.where(last == i, part, share)
         P = work[:, i, None] * share
         G = damping[:, i, None] * share
         push = P - G * s
+        # As on the way in: a first guess of the speed at the interval's end, then its square.
         rough = np.sqrt(np.maximum(G**2 / 4 + 2 * push + G * s + s**2, 0.0)) - G / 2
-        gained = s**2 + 2 * (P - G * _mean(s, np.maximum(rough, 0.0)))
-        s = np.where(push > 0, np.sqrt(np.maximum(gained, 0.0)), s)
+        squared = s**2 + 2 * (P - G * _mean(s, np.maximum(rough, 0.0)))
+        s = np.where(push > 0, np.sqrt(np.maximum(squared, 0.0)), s)
     return s
 
 
@@ -170,12 +183,14 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
     search = Search(_MEMBERS * (1 + _GENERATIONS) + _POLISH_TWO + _POLISH_ALL)
 
     def errors(parameters: Floats) -> Floats:
+        """Largest error of e of each point, (n,), which is recorded, too; parameters: (n, 6)."""
         inside = np.clip(parameters, _LOWEST, _HIGHEST)
         largest = np.asarray(np.abs(_restitution(inside, speeds) - e).max(axis=1))
         search.record(inside, largest)
         return largest
 
     def error(parameters: Floats) -> float:
+        """Largest error of e of one point; parameters: (6,)."""
         return float(errors(parameters[None])[0])
 
     def polished(start: Floats, others: Floats, evaluations: int) -> Floats:
@@ -193,10 +208,12 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
         )
         return np.concatenate([result.x, others])
 
+    # A step as high and sharp as can be, in the middle of the width; S and D found by trial.
     loss = max(1e-4, 1 - wanted[-1])
     start = np.array([0.45, math.log10(2.5 * loss), _LOWEST[2], _LOWEST[3], 0.5, 0.0])
 
     def population_errors(parameters: Floats) -> Any:
+        # SciPy has the members in columns.
         return errors(parameters.T)
 
     with search.interrupt_with_best():
@@ -238,9 +255,11 @@ def soft(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     wanted = target.restitution(speeds)
 
     def options(parameters: Floats) -> dict[str, Any]:
+        """Options of the row of one point of the search, (6,), in SI units."""
         S, D, d0, dw, midpoint, power = (
             float(number[0, 0]) for number in _numbers(parameters[None])
         )
+        # The search has lengths in widths, and speeds in the highest: this is its unit, 1/s.
         rate = target.speed_max / width
         row = ConstraintRow.direct(S * rate**2, D * rate, (d0, dw, width, midpoint, power))
         return rows_options(integrator, row)
@@ -328,8 +347,10 @@ def spring_damper(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     shift e or the contact time to first order.
     """
     e, _ = minimax_constant(target)
+    # Decay and angular frequency of the motion in contact, 1/s.
     beta, omega = spring_damper_rates(e, contact_time(target), "impulse")
     h = target.timestep
+    # RK4 follows continuous time.
     if integrator == "RK4":
         spring = omega**2 + beta**2
         damping = 2 * beta

@@ -157,7 +157,7 @@ class RowFit:
 
     @property
     def largest_e(self) -> float:
-        """e above which settings are worse by what it is above."""
+        """e from which on a launch counts as gaining energy: an error that grows with what is above."""
         return max(LARGEST_E, float(np.nanmax(self.target)))
 
     @property
@@ -172,11 +172,13 @@ class RowFit:
         midpoint of the damper.
         """
         e, deepest = self._simulate(numbers)
+        # Launches outside of the band have no target.
         in_band = ~np.isnan(self.target)
         target = self.target[in_band]
         error: Floats = np.abs(e[:, in_band] - target).max(axis=1)
         gained = np.maximum(0.0, e.max(axis=1) - self.largest_e)
-        error += np.maximum(0.0, deepest[:, in_band].max(axis=1) - _DEEPEST) + COSTS * gained
+        too_deep = np.maximum(0.0, deepest[:, in_band].max(axis=1) - _DEEPEST)
+        error += too_deep + COSTS * gained
         return error
 
     def _columns(self, numbers: tuple[Floats, ...]) -> _Rows:
@@ -210,11 +212,12 @@ class RowFit:
         # Those of all launches, a setting after the other.
         columns = self._columns(numbers)
         rows = _Rows(*(np.repeat(column, len(self.speeds)) for column in columns))
+        # All in units of the step h, the band's highest speed v, and v h.
         g = self.fall
         settings = len(numbers[0])
         launches = len(self.speeds)
-        # Of a step, from the touch to the first state that sees it; a stage of
-        # RK4 may see it a step before.
+        # Time from the touch to the first state that sees it, in steps; a stage of RK4 may see it
+        # a step before.
         if self.rk4:
             later = -self.phases
             ahead = 0.0
@@ -241,6 +244,7 @@ class RowFit:
             speed_out = np.sqrt(np.maximum(0.0, squared))
             e[number[parted]] = speed_out / self.speeds[number[parted] % launches]
             deepest[number[parted]] = deep[parted]
+            # Launches that have parted take no time any more.
             going = np.flatnonzero(~is_open)
             x = x[going]
             v = v[going]
@@ -305,11 +309,11 @@ class RowFit:
         scaled.
         """
         h = timestep
+        # K h² and D h of the spring; D h, dmax, width over v h and midpoint of the damper.
         units = (1 / h**2, 1 / h, 1 / h, 1.0, speed * h, 1.0)
-        numbers = self.numbers(parameters[None])
-        in_si = [
-            short(float(number[0]) * unit) for number, unit in zip(numbers, units, strict=True)
-        ]
+        in_si = []
+        for number, unit in zip(self.numbers(parameters[None]), units, strict=True):
+            in_si.append(short(float(number[0]) * unit))
         stiffness, spring_damping, damping, dmax, width, midpoint = in_si
         solimp = (MIN_IMPEDANCE, dmax, width, midpoint, POWER)
         adhesion = MOST_PULL if self.adhesive else 0.0

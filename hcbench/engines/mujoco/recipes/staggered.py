@@ -54,6 +54,7 @@ def restitution_sensitivity(law: HuntCrossley, mass: float, speed: float, grid: 
     x = closed_form.penetration_max(law, mass, speed) * np.sin(np.linspace(0.0, np.pi / 2, _POINTS))
     v = closed_form.rate_at(law, mass, speed, x, "approach")
     s = -closed_form.rate_at(law, mass, speed, x, "rebound")
+    # The integral by the trapezoidal rule: the part of each interval of x.
     integrand = v / (1.0 + a * v) + s / (1.0 - a * s)
     share = (integrand[1:] + integrand[:-1]) / 2.0 * np.diff(x)
     # Each interval's part of the integral goes to the two neighbours of its middle on the grid.
@@ -133,6 +134,7 @@ def band_of(target: Target, law: HuntCrossley, integrator: str) -> Band:
     """
 
     def deepest(speed: float) -> float:
+        """Largest penetration at an impact speed (m/s) without loss, m."""
         n = law.exponent
         return float(((n + 1) * target.mass * speed**2 / (2 * law.stiffness)) ** (1 / (n + 1)))
 
@@ -157,8 +159,10 @@ def _rising(base: float, end: float, power: float, highest: float, start: float)
     depth at which the power reaches that value. It starts later than `base` by `start` times that
     depth.
     """
-    floor = start * (MIN_IMPEDANCE / highest) ** (1.0 / max(power, 1.0)) * (end - base)
-    onset = base + floor
+    # `start` times the depth at which the power reaches the least impedance, m.
+    later = start * (MIN_IMPEDANCE / highest) ** (1.0 / max(power, 1.0)) * (end - base)
+    onset = base + later
+    # A midpoint of nearly 1 makes of MuJoCo's sigmoid a plain power.
     return Damper(onset, (MIN_IMPEDANCE, highest, end - onset, MAX_IMPEDANCE, power))
 
 
@@ -173,6 +177,8 @@ def _layouts(band: Band, highest: float) -> list[list[Damper]]:
         return [[]]
     n = band.law.exponent
     top = band.top
+    # Beside each damper that rises as x^n a weak straight one, which begins at twice the depth (over
+    # the stretch) at which the other one leaves the least impedance.
     late = 2.0 * (MIN_IMPEDANCE / highest) ** (1.0 / n)
     power = 1.003 * n
     one = [
@@ -194,6 +200,7 @@ def _layouts(band: Band, highest: float) -> list[list[Damper]]:
 
 
 def _straight(onset: float, end: float, highest: float) -> Damper:
+    """A damper whose impedance rises in a straight line from `onset` to `end`, m, to `highest`."""
     return Damper(onset, (MIN_IMPEDANCE, highest, end - onset, 0.5, 1.0))
 
 
@@ -211,15 +218,18 @@ def knots_of(band: Band, dampers: Sequence[Damper], misfit: float) -> Floats:
     x = np.sqrt(edges[1:] * edges[:-1])
 
     def curve(at: Floats) -> Floats:
+        """What the springs have to give at penetrations, m, in m/s², same shape: f (1 + Σ w)."""
         return np.asarray(band.elastic(at) * (1.0 + sum(d.weight(at) for d in dampers)))
 
     # The second derivative, by central differences.
     nudge = 1e-3
     bend = (curve(x * (1 + nudge)) - 2 * curve(x) + curve(x * (1 - nudge))) / (nudge * x) ** 2
+    # Knots a metre, and how many there are up to each edge.
     density = np.sqrt(np.abs(bend) / (8 * misfit * curve(np.maximum(x, band.low))))
-    count = np.concatenate([[0.0], np.cumsum(density * np.diff(edges))])
-    knots = max(1, int(np.ceil(count[-1])))
-    return np.asarray(np.concatenate([[0.0], np.interp(np.arange(1, knots), count, edges)]))
+    knots_until = np.concatenate([[0.0], np.cumsum(density * np.diff(edges))])
+    count = max(1, int(np.ceil(knots_until[-1])))
+    later = np.interp(np.arange(1, count), knots_until, edges)
+    return np.asarray(np.concatenate([[0.0], later]))
 
 
 @dataclass(frozen=True)
@@ -252,16 +262,21 @@ def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floa
     f = band.elastic(x)
     # (grid, springs): the springs that a penetration has passed.
     behind = x[:, None] > knots
+    # Weights w of the dampers, (grid, dampers), and 1/(1 + Σ w) over all rows, (grid,): by it each
+    # row's acceleration counts in MuJoCo's sum.
     weights = np.array([d.weight(x) for d in dampers]).reshape(len(dampers), len(x)).T
     share = 1.0 / (1.0 + weights.sum(axis=1) + _SPRING_WEIGHT * behind.sum(axis=1))
     # A spring starts to act when it asks for more than the others give: its line starts there.
     already = _SPRING_WEIGHT * (behind * band.elastic(knots)).sum(axis=1) * share
+    # What each row adds for a strength of 1: acceleration of a spring with S = 1/s², and damping,
+    # 1/s, of a damper with D = 1/s.
     springs = _SPRING_WEIGHT / MIN_IMPEDANCE * np.maximum(0.0, x[:, None] - knots) * share[:, None]
     damping = weights / np.array([d.solimp[1] for d in dampers]) * share[:, None]
     scale = np.maximum(f, band.elastic(np.asarray(band.low)))
     span = max(np.log(band.top / band.low), 0.5)
     # Each penetration counts by its share of the band's logarithm.
     share_of_band = np.sqrt(np.gradient(x) / np.maximum(x, band.low) / span)
+    # From an acceleration, from a damping and from both to units of misfit.
     force = (share_of_band / scale / _FORCE_SCALE)[:, None]
     rate = force * min(band.speeds[-1], 1.0 / a) if a else force
     to_e = sensitivity * band.mass / _RESTITUTION_SCALE / np.sqrt(len(sensitivity))
@@ -312,10 +327,10 @@ def _rows(band: Band, fit: _Fit) -> list[ConstraintRow]:
     rows = []
     for knot, S in zip(fit.knots, fit.stiffness, strict=True):
         if S > 0.0:
-            early = float(band.elastic(knot)) * MIN_IMPEDANCE / S
-            rows.append(
-                ConstraintRow.direct(_short(S), 0.0, SPRING_SOLIMP, onset=_short(knot - early))
-            )
+            early = float(band.elastic(knot)) * MIN_IMPEDANCE / S  # m
+            onset = _short(knot - early)
+            rows.append(ConstraintRow.direct(_short(S), 0.0, SPRING_SOLIMP, onset=onset))
+    # The law at the top of the band: speed, m/s; damping over elastic force, s/m; the latter, m/s².
     fastest = float(band.speeds[-1])
     a = band.law.dissipation
     f = float(band.elastic(np.asarray(band.top)))

@@ -105,6 +105,7 @@ def sample(band: Band, speeds: Floats, points: int) -> Samples:
     law = band.law
     mass = band.mass
     angle = (np.arange(points) + 0.5) / points * np.pi / 2
+    # Of each branch: penetrations, rates, accelerations, and their scales, (points,) each.
     columns: list[tuple[Floats, Floats, Floats, Floats]] = []
     unit = _RESTITUTION_SCALE * np.sqrt(len(speeds))
     sensitivity = np.zeros((len(speeds), 2 * points * len(speeds)))
@@ -122,9 +123,11 @@ def sample(band: Band, speeds: Floats, points: int) -> Samples:
         factor = -(1 - law.dissipation * v_o) / (v_o * v_i)
         for v, sign in ((v_in, 1.0), (v_out, -1.0)):
             a = law.force(x, v) / mass
+            # Samples of the branches until now.
             start = len(columns) * points
             of_branch = sign * factor * dx / (1 + law.dissipation * v) / unit
             sensitivity[i, start : start + points] = of_branch
+            # The engine uses the rate of half a step ago, before a acted on it.
             columns.append((x, v + band.lag * a, a, scale))
     x, v, a, scale = (np.concatenate(column) for column in zip(*columns, strict=True))
     return Samples(x=x, v=v, a=a, scale=scale, sensitivity=sensitivity, speeds=speeds)
@@ -209,6 +212,7 @@ def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGues
     top = band.top
     solimps = guess.solimps(low, top)
     widths = np.array([solimp[2] for solimp in solimps])
+    # Penetrations, m, (n,); the law's elastic force there, per unit mass; and the dampers' terms.
     x = np.concatenate([np.linspace(0.0, low, 40)[1:], np.geomspace(low, top, 120)])
     force = law.stiffness / band.mass * x**law.exponent
     terms = _Terms.of(x, np.ones_like(x), np.zeros(len(widths)), solimps)
@@ -239,6 +243,7 @@ def _damping_on_the_way_in(band: Band, terms: _Terms, force: Floats, widths: Flo
     from scipy.optimize import nnls
 
     law = band.law
+    # Relative errors count, but below the band's lowest penetration absolute ones.
     scale = np.maximum(force, law.stiffness / band.mass * band.low**law.exponent)
     columns = terms.weights * terms.rate / scale[:, None]
     D, _ = nnls(columns, law.dissipation * force / scale, maxiter=10_000)
@@ -276,9 +281,12 @@ def _fit_springs(samples: Samples, rows: PushingRows, springs: int) -> PushingRo
     """
     terms = _Terms.of(samples.x, samples.v, rows.onsets, rows.solimps)
     reference = terms.reference(rows.stiffness, rows.damping)
-    acts = terms.weights * (reference > samples.a[:, None])
-    acts[:, :springs] = terms.weights[:, :springs]
-    rest = samples.a * (1 + acts.sum(axis=1)) - (acts * reference)[:, springs:].sum(axis=1)
+    # Weights of the rows that act at each sample, (n, rows), 0 for the others.
+    acting = terms.weights * (reference > samples.a[:, None])
+    acting[:, :springs] = terms.weights[:, :springs]
+    # What is left for the springs, (n,).
+    by_others = (acting * reference)[:, springs:].sum(axis=1)
+    rest = samples.a * (1 + acting.sum(axis=1)) - by_others
     # A spring below all samples has a column of 0.
     columns = samples.scaled((terms.weights * terms.lever)[:, :springs])
     solution, _ = nonnegative_fit(columns, samples.scaled(rest))
@@ -354,14 +362,15 @@ def levenberg_marquardt(samples: Samples, rows: PushingRows, search: Search) -> 
             search.add(ITERATIONS - iteration)
             break
         search.add(1)
+        # The damping holds the parameters near those of now; a little more keeps the matrix regular.
         damping = (caution * misfit) ** 2 / len(parameters)
-        root = np.linalg.cholesky(
-            normal + (damping + 1e-12 * np.trace(normal)) * np.eye(len(parameters))
-        )
+        regular = damping + 1e-12 * np.trace(normal)
+        root = np.linalg.cholesky(normal + regular * np.eye(len(parameters)))
         # Non-negative least squares of the Cholesky factor: damped normal equations with bounds.
         right_side = np.linalg.solve(root, right + damping * parameters / unit)
         trial = nnls(root.T, right_side, maxiter=10_000)[0] * unit
         trial_weights, trial_misfit = problem.evaluate(trial)
+        # Taken, and the next step is bolder; or left, and the next one is shorter.
         if trial_misfit < misfit * (1 - _PROGRESS):
             parameters = trial
             misfit = trial_misfit
@@ -420,6 +429,7 @@ def staggered_push(target: Target, integrator: str = "Euler") -> dict[str, Any]:
         raise _beyond(target)
     band = band_of(target, law, integrator)
     knots = knots_of(band, [], _MISFIT)
+    # All guesses are first fitted at every third speed.
     speeds = np.geomspace(target.speed_min, target.speed_max, 3 * _SPEEDS)
     samples = sample(band, speeds[1::3], _POINTS)
     search = Search((len(_GUESSES) + _BEST + 1) * ITERATIONS)
@@ -434,6 +444,7 @@ def staggered_push(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     best = min(refitted, key=_misfit)
     if best.misfit > _WORST:
         raise _beyond(target)
+    # e of the rows in the engine's own steps, the mean over phases at each speed; s.
     longest = float(closed_form.duration(law, target.mass, speeds[[0, -1]]).max())
     step = max(target.timestep, longest / 400)
     e = restitution(best.rows(), step, speeds, _PHASES, 1.1 * longest).mean(axis=1)

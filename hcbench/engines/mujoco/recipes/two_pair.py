@@ -69,24 +69,34 @@ class _Pairs:
         return self.speed / self.omega
 
     def start(self, loss: float) -> Floats:
-        """Parameters to start a fit from, (6,), in the order of _LOWEST: those with which the damper
-        grows with depth as eq. (16) with n = 1 asks for.
+        """Parameters of the damper to start a fit from, (6,): those with which it grows with depth as
+        eq. (16) with n = 1 asks for.
 
-        loss: (3/2) α, s/m.
+        loss: (3/2) α, s/m. Parameters are the logarithms of D (1/s) and of the impedance's width over
+        `top`, the logit of its highest value, its power and midpoint, and the onset over `top`. All
+        but D were found by trial.
         """
         highest = _logistic(_LOGIT)
         damping = loss * self.omega**2 * self.top / (highest / (1 - highest)) * highest
         return np.array([math.log(1.22 * damping), 0.2, _LOGIT, 1.1, 0.015, 1e-4])
 
     def constant_start(self, loss: float) -> Floats:
-        """The same for an e that hardly falls with speed: a damper at its top almost from touch on."""
-        parameters = self.start(loss)
-        parameters[0] += math.log(0.5)
-        parameters[1], parameters[3] = -3.0, 1.5
-        return parameters
+        """Parameters to start from for an e that hardly falls with speed, (6,), as of `start`: half
+        the damping, at its full strength almost from touch on.
+
+        loss: (3/2) α, s/m.
+        """
+        log_damping, _, logit, _, midpoint, onset = self.start(loss).tolist()
+        log_width = -3.0
+        power = 1.5
+        return np.array([log_damping + math.log(0.5), log_width, logit, power, midpoint, onset])
 
     def rows(self, parameters: Floats) -> list[ConstraintRow]:
-        """The spring and the damper, in SI units, of parameters (6,) in the order of _LOWEST."""
+        """The spring and the damper, in SI units.
+
+        parameters: of the damper, (6,): logarithms of D and of its width over `top`, logit of its
+        highest impedance, its power and midpoint, and its onset over `top`.
+        """
         log_damping, log_width, logit, power, midpoint, onset = parameters.tolist()
         highest = _logistic(logit)
         D = math.exp(log_damping)
@@ -143,6 +153,7 @@ def two_pair_rows(target: Target) -> list[ConstraintRow]:
         )
     duration = contact_duration(target)
     step = max(target.timestep, duration / _STEPS)
+    # Time for which an impact is followed, s: with more loss it takes longer to part.
     longest = (1.3 if wanted[-1] > 0.5 else 3.0) * duration
     pairs = _Pairs(math.pi / duration, target.speed_max, target.mass)
     loss = 1.5 * float(closed_form.alpha_of(wanted[-1], target.speed_max))
@@ -151,6 +162,7 @@ def two_pair_rows(target: Target) -> list[ConstraintRow]:
     search = Search(len(starts) * _STEPS_MAX * (1 + len(_LOWEST)))
 
     def misfit(parameters: Floats) -> Floats:
+        """Error of e at each speed, in units of _UNIT, (speeds,); parameters: (6,)."""
         e = restitution(pairs.rows(parameters), step, speeds, _PHASES, longest)
         # A launch that has not parted counts as far off.
         errors = np.nan_to_num(e.mean(axis=1), nan=5.0) - wanted

@@ -51,16 +51,21 @@ def stays_on_axis(mujoco: Any, model: Any) -> bool:
     """
     ball = model.jnt_bodyid[0]
     geoms = np.flatnonzero(model.geom_bodyid == ball)
-    plain = (
-        model.body_parentid[ball] == 0
-        and np.array_equal(model.body_quat[ball], [1.0, 0.0, 0.0, 0.0])
+    hangs_on_world = model.body_parentid[ball] == 0
+    is_upright = np.array_equal(model.body_quat[ball], [1.0, 0.0, 0.0, 0.0])
+    is_sphere = (model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_SPHERE).all()
+    is_centred = not model.geom_pos[geoms].any()
+    has_air = bool(model.opt.wind.any() or model.opt.density or model.opt.viscosity)
+    falls_plainly = (
+        hangs_on_world
+        and is_upright
+        and is_sphere
+        and is_centred
+        and not has_air
         and not model.body_gravcomp[ball]
-        and (model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_SPHERE).all()
-        and not model.geom_pos[geoms].any()
-        and not any((model.opt.wind.any(), model.opt.density, model.opt.viscosity))
         and _solves_well(mujoco, model)
     )
-    return bool(plain and _touches_below(mujoco, model) and _pulls_along(mujoco, model))
+    return bool(falls_plainly and _touches_below(mujoco, model) and _pulls_along(mujoco, model))
 
 
 def _solves_well(mujoco: Any, model: Any) -> bool:
@@ -101,8 +106,12 @@ def _contact_ways(model: Any) -> list[tuple[int, int, int]]:
             else:
                 ways.append((other, one, dim))
         return ways
-    dims = model.geom_condim
-    return [(b, o, int(max(dims[b], dims[o]))) for b, o in collidable_pairs(model, ball)]
+    ways = []
+    for own, other in collidable_pairs(model, ball):
+        # MuJoCo takes the larger condim of two geoms.
+        dim = int(max(model.geom_condim[own], model.geom_condim[other]))
+        ways.append((own, other, dim))
+    return ways
 
 
 def collidable_pairs(model: Any, moving: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -124,13 +133,15 @@ def _touches_below(mujoco: Any, model: Any) -> bool:
 
     mujoco: the module. model: MjModel.
     """
-    return all(
-        dim == 1
-        and model.geom_type[other] == mujoco.mjtGeom.mjGEOM_PLANE
-        and model.geom_bodyid[other] == 0
-        and not model.geom_quat[other][1:3].any()
-        for _, other, dim in _contact_ways(model)
-    )
+    for _, other, dim in _contact_ways(model):
+        is_plane = model.geom_type[other] == mujoco.mjtGeom.mjGEOM_PLANE
+        is_fixed = model.geom_bodyid[other] == 0
+        # A quaternion w x y z without x and y turns about the vertical alone.
+        is_horizontal = not model.geom_quat[other][1:3].any()
+        has_friction = dim > 1
+        if not (is_plane and is_fixed and is_horizontal) or has_friction:
+            return False
+    return True
 
 
 def _pulls_along(mujoco: Any, model: Any) -> bool:
@@ -144,8 +155,9 @@ def _pulls_along(mujoco: Any, model: Any) -> bool:
     if len(sites) != model.nwrap or data.site_xpos[sites, :Z].any():
         return False
     on_ball = model.site_bodyid[sites] == model.jnt_bodyid[0]
-    ends = zip(model.tendon_adr.tolist(), model.tendon_num.tolist(), strict=True)
-    return all(on_ball[start : start + count].any() for start, count in ends)
+    # The sites of each tendon, one after the other.
+    spans = zip(model.tendon_adr.tolist(), model.tendon_num.tolist(), strict=True)
+    return all(on_ball[start : start + count].any() for start, count in spans)
 
 
 def has_one_constraint(model: Any) -> bool:
@@ -250,14 +262,14 @@ class BatchedModel:
         """
         if self.whole:
             return states
-        rows = -(-len(states) // self.size)
-        fill = np.minimum(np.arange(rows * self.size), len(states) - 1)
+        rows = -(-len(states) // self.size)  # rounded up
+        # The ball of each place; the last one again where there are more places than balls.
+        ball_of_place = np.minimum(np.arange(rows * self.size), len(states) - 1)
         packed = np.empty((rows, 1 + sum(self._widths) * self.size))
-        packed[:, 0] = states[0, 0]
+        packed[:, 0] = states[0, 0]  # the time
         for start, width, inner in self._spans():
-            packed[:, start : start + width * self.size] = states[
-                fill, inner : inner + width
-            ].reshape(rows, -1)
+            balls = states[ball_of_place, inner : inner + width]
+            packed[:, start : start + width * self.size] = balls.reshape(rows, -1)
         return packed
 
     def unpack(self, packed: Floats, states: Floats) -> Floats:
@@ -290,9 +302,11 @@ class BatchedModel:
         if self.sliding and i != Z:
             return None
         start, width, _ = self._spans()[kind]
+        # On a slide a ball has one number, the vertical one.
         first = start
         if not self.sliding:
             first += i
+        # Every `width`-th number is that of the next ball: (rows, n, size).
         picked = path[:, :, first : start + width * self.size : width]
         return picked.transpose(0, 2, 1).reshape(-1, path.shape[1])[:count]
 
@@ -307,9 +321,10 @@ class BatchedModel:
 
     def _spans(self) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
         """(place in a state of the batch, numbers a ball, place in the state of one ball) of
-        positions, then of velocities.
+        positions, then of velocities. A state of the batch begins with the time.
         """
         nq, nv = self._widths
+        # Of a ball on a slide only the vertical number counts.
         inner = Z if self.sliding else 0
         return (1, nq, self.at[0] + inner), (1 + nq * self.size, nv, self.at[1] + inner)
 
@@ -417,6 +432,7 @@ def _repeated(root: ET.Element, size: int) -> ET.Element:
     for tag in ("body", "geom", "site"):
         names[tag] = {element.get("name") for element in ball.iter(tag)} - {None}
     mark = _unused_mark(root)
+    # Elements whose children are copied: the ball's parent, and all that may refer to the ball.
     holders = [next(element for element in root.iter() if ball in list(element))]
     for tag in ("contact", "tendon", "sensor"):
         holders += root.findall(tag)

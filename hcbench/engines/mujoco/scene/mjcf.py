@@ -56,7 +56,8 @@ class _RowTable(OptionTable):
     @field_validator("solref")
     @classmethod
     def _one_form(cls, solref: tuple[float, float]) -> tuple[float, float]:
-        if (solref[0] > 0) != (solref[1] > 0):
+        first, second = solref
+        if (first > 0) != (second > 0):
             forms = "two numbers above 0 (time constant and damping ratio) or none (-stiffness and -damping)"
             raise mistake(forms)
         return solref
@@ -408,13 +409,16 @@ def _parse(path: Path, folder: Path, above: tuple[Path, ...]) -> ET.Element:
         raise SceneError(str(path), f"not XML: {error}", "MJCF", "Mend that line") from None
     except (OSError, UnicodeDecodeError, LookupError) as error:
         raise SceneError(str(path), f"{error}", "a readable MJCF") from None
+    including = (*above, path.resolve())
+    # A list, as the tree changes meanwhile.
     for parent in list(root.iter()):
         for child in parent.findall("include"):
             inner = (folder / child.get("file", "")).resolve()
-            if inner in (*above, path.resolve()):
+            if inner in including:
                 raise SceneError(str(path), f"{inner} includes itself", "includes without a circle")
             at = list(parent).index(child)
-            parent[at : at + 1] = list(_parse(inner, folder, (*above, path.resolve())))
+            # The children of the file's root element stand where the <include> was.
+            parent[at : at + 1] = list(_parse(inner, folder, including))
     return root
 
 
@@ -424,11 +428,12 @@ def _anchor_files(root: ET.Element, folder: Path) -> None:
 
     root: changed. folder: of the file that the MJCF was read from.
     """
-    asset = list(root.iterfind("asset/*[@file]"))
-    if not asset:
+    assets = list(root.iterfind("asset/*[@file]"))
+    if not assets:
         return
     compiler = section(root, "compiler")
     for key in ("assetdir", "meshdir", "texturedir"):
+        # assetdir holds for meshes and textures alike; the others go before it where they are set.
         if key == "assetdir" or compiler.get(key) is not None:
             compiler.set(key, str((folder / compiler.get(key, "")).resolve()))
 

@@ -66,16 +66,19 @@ def parting_speed(push: Push, speed: float, first_step: float, longest: float) -
         if time >= longest or time + step == time:
             break
         new_x, new_v, error_x, error_v = _step(push, x, v, step)
+        # Largest error over what is tolerated.
         error = max(
             error_x / (_RELATIVE * max(abs(x), abs(new_x)) + _ABSOLUTE * speed * step),
             error_v / (_RELATIVE * max(abs(v), abs(new_v)) + _ABSOLUTE * speed),
         )
+        # A step with a larger error is taken again, shorter.
         if error <= 1.0:
             if new_v < 0.0 and push(new_x, new_v) <= 0.0:
                 return -_at_parting(push, x, v, step)
             time = time + step
             x = new_x
             v = new_v
+        # The usual control for a method of order 5: the error grows as the step to the power 5.
         step *= min(5.0, max(0.2, 0.9 * max(error, 1e-12) ** -0.2))
     return 0.0
 

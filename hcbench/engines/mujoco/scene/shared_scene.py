@@ -69,20 +69,20 @@ def differences(
     geoms: Sequence[int] = (),
     rows: Rows = (),
 ) -> list[Suspect]:
-    """Suspect what in a MuJoCo model is another contact in an engine that steps such models, by what
-    the engine lacks or by its shorter numbers.
+    """List the suspects in a MuJoCo model that make another contact in an engine that steps such
+    models, by what the engine lacks or by its shorter numbers; empty without any.
 
     bits: of the engine's numbers, 32 or 64.
     geoms: numbers of those whose <pair>s are looked at; (): all of the model.
     rows: (solref, solimp) of the contact; (): those of every <pair> and geom of the model.
     """
-    is_asked = np.isin(model.pair_geom1, geoms) & np.isin(model.pair_geom2, geoms)
-    pairs = np.flatnonzero(is_asked | (not geoms))
+    pairs = list(range(model.npair))
+    if geoms:
+        pairs = explicit_pairs(model, geoms)
     if not rows:
         solrefs = np.concatenate([model.pair_solref, model.geom_solref])
-        rows = list(
-            zip(solrefs, np.concatenate([model.pair_solimp, model.geom_solimp]), strict=True)
-        )
+        solimps = np.concatenate([model.pair_solimp, model.geom_solimp])
+        rows = list(zip(solrefs, solimps, strict=True))
     differences = [*_adhesion(model, engine, pairs), *_several(model, engine, pairs)]
     if bits == 32:
         differences += [*_power(engine, rows), *_impedance(model, engine, rows, geoms)]
@@ -118,11 +118,16 @@ def rounded_adhesion(
     geoms: whose <pair>s are looked at.
     impacts: with the contact's forces, N.
     """
-    pairs = explicit_pairs(model, geoms) if ADHESION not in engine.lacks and bits == 32 else []
-    highest = float(max(getattr(model, "pair_adhesion", np.zeros(model.npair))[pairs], default=0.0))
+    if ADHESION in engine.lacks or bits != 32:
+        return
+    # Old versions of MuJoCo have no adhesion.
+    adhesions = getattr(model, "pair_adhesion", np.zeros(model.npair))
+    pairs = explicit_pairs(model, geoms)
+    highest = float(max(adhesions[pairs], default=0.0))
     forces = [impact.force_max for impact in impacts if impact.force_max > 0.0]
     if not forces or highest < _ADHESION * min(forces):
         return
+    # N: twice the largest force pulls enough, and leaves float32 its digits.
     enough = float(f"{2.0 * max(forces):.2g}")
     yield Suspect(
         "adhesion-rounding",
@@ -146,11 +151,13 @@ def _several(model: Any, engine: SharedModelEngine, pairs: Any) -> Iterator[Susp
     """
     if PAIRS not in engine.lacks:
         return
+    # <pair>s of each two geoms, in ascending order.
     counts: Counter[tuple[int, int]] = Counter()
-    for one, two in zip(
-        model.pair_geom1[pairs].tolist(), model.pair_geom2[pairs].tolist(), strict=True
-    ):
-        counts[min(one, two), max(one, two)] += 1
+    firsts = model.pair_geom1[pairs].tolist()
+    seconds = model.pair_geom2[pairs].tolist()
+    for one, other in zip(firsts, seconds, strict=True):
+        counts[min(one, other), max(one, other)] += 1
+    # A loop of one round, or of none for a model without <pair>s.
     for geoms, count in counts.most_common(1):
         if count == 1:
             return
@@ -189,12 +196,15 @@ def _impedance(
     rows: (solref, solimp) of the contact; a row counts whose damper alone, in the direct format,
     reverses the body in a step. geoms: that the fix changes.
     """
+    # solimps of the rows that reverse a body in one step.
     stiff = []
     for (stiffness, damping), solimp in rows:
+        # In the direct format the numbers are negative: a damper of 1/h stops a body in a step h.
         if stiffness == 0 and -damping * model.opt.timestep > 1:
             stiff.append(solimp)
     highest = max((float(max(solimp[:2])) for solimp in stiff), default=0.0)
     if IMPEDANCE in engine.lacks and highest > _HIGHEST:
+        # Width, midpoint and power stay.
         _, _, *curve = (float(x) for x in stiff[0])
         solimp = (_KEPT, _KEPT, *curve)
         yield Suspect(

@@ -56,8 +56,8 @@ def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:
 
     launches: b of them. Raises SettingError for a height that a cup has no room for.
     """
-    sent = Launches.of(launches)
-    gaps = sent.clearance(model.timestep)
+    columns = Launches.of(launches)
+    gaps = columns.clearance(model.timestep)  # m, (b,)
     if model.clearance is not None and (high := gaps.max()) >= model.clearance:
         raise SettingError(
             "height",
@@ -70,10 +70,11 @@ def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:
     # Unit vector away from the plate.
     away = np.array(model.scene.normal)
     states[:, position : position + 3] += model.scene.touch_offset + np.outer(gaps, away)
-    states[:, velocity : velocity + 3] = np.outer(-sent.speed, away)
-    if sent.is_oblique.any():
-        states[:, velocity : velocity + 2] += sent.slip
-        states[:, velocity + 3 : velocity + 6] = sent.spin
+    states[:, velocity : velocity + 3] = np.outer(-columns.speed, away)
+    if columns.is_oblique.any():
+        # The plate's axes are the world's x and y.
+        states[:, velocity : velocity + 2] += columns.slip
+        states[:, velocity + 3 : velocity + 6] = columns.spin
     return states
 
 
@@ -136,7 +137,8 @@ def record(
         state=path,
         sensordata=sensed,
     )
-    # MuJoCo meets what is not finite by starting the model over, and rollout by standing still.
+    # MuJoCo meets what is not finite by starting the model over, and rollout by standing still: in
+    # both cases the time, the first number of a state, does not go on.
     stopped = np.diff(path[:, :, 0], prepend=packed[:, :1]) <= 0.0
     gave_up = bool(stopped.any())
     if gave_up and batch.size > 1:
@@ -151,6 +153,7 @@ def record(
         if oblique:
             seen = np.concatenate([seen, _along_plate(model, paths)])
     if gave_up:
+        # From the first such step on.
         seen[:, np.maximum.accumulate(stopped, axis=1)] = np.nan
     return seen, batch.unpack(path[:, -1], states)
 
@@ -252,13 +255,14 @@ def _along_plate(model: SceneModel, paths: _Paths) -> Floats:
     # MuJoCo has the spin in the body's own frame: in the world it is q s q*, of the unit quaternion
     # q = (scalar, axis).
     spin = body_spin + 2.0 * np.cross(axis, np.cross(axis, body_spin) + scalar * body_spin)
-    gained = np.diff(velocity, axis=1) / model.timestep + [0.0, 0.0, model.scene.gravity]
+    # Acceleration by the contact alone, m/s², and the unit vector into the plate, (b, n, 3) each.
+    acceleration = np.diff(velocity, axis=1) / model.timestep + [0.0, 0.0, model.scene.gravity]
     if model.clearance is None:
-        deeper = np.broadcast_to([0.0, 0.0, -1.0], gained.shape)
+        deeper = np.broadcast_to([0.0, 0.0, -1.0], acceleration.shape)
     else:
         _, outwards = _from_centre(model, paths, model.clearance)
         deeper = np.stack(outwards, axis=-1)
-    return rows_of_ball(model.scene, velocity[:, :-1], spin, deeper, gained)
+    return rows_of_ball(model.scene, velocity[:, :-1], spin, deeper, acceleration)
 
 
 def _from_centre(model: SceneModel, paths: _Paths, clearance: float) -> tuple[Floats, list[Floats]]:
@@ -290,9 +294,10 @@ def _in_cup(model: SceneModel, paths: _Paths, clearance: float) -> Floats:
     vz = paths.state(_VELOCITY, 2)
 
     def along(vector: list[Floats]) -> Floats:
+        """Component of vectors out of the sphere, (b, n), of their three components, (b, n) each."""
         return np.asarray(deeper[0] * vector[0] + deeper[1] * vector[1] + deeper[2] * vector[2])
 
-    # The part of the contact alone: gravity took off its own.
+    # Velocity that the contact adds in each step, m/s, (b, n): what gravity takes off is put back.
     fall = model.scene.gravity * model.timestep
     gained = -along([np.diff(vx, axis=1), np.diff(vy, axis=1), np.diff(vz, axis=1) + fall])
     sensed = None
@@ -465,15 +470,17 @@ class BatchPool:
         compiling another model; a few launches left of many go on alone. No number changes a bit of
         the results.
         """
-        # Several models are stepped at once.
+        # Several models are stepped at once: each gets its share, but not too few to be worth it.
         for_each_thread = math.ceil(balls / self.threads)
         share = min(self.max_batch, max(for_each_thread, min(balls, BATCHING.balls_of_many_rows)))
         if now == 0:
             if self.is_worth_batching(share, balls * steps):
                 return share
+            # The smallest compiled model that holds them.
             return min((size for size in list(self.batches) if size >= share), default=1)
         if now > 1 and share <= now // 8:
             return 1
+        # The next power of 2, so that few different models are compiled.
         fitting = min(1 << (share - 1).bit_length(), self.max_batch)
         if (now == 1 < share or share <= now // 2) and self.is_worth_batching(
             fitting, balls * steps

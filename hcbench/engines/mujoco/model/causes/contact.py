@@ -56,6 +56,7 @@ def mixing(context: Context) -> Iterator[Suspect]:
             partial(fixes.set_options, enableflags=flags),
         )
         return
+    # (as written, in the contact) of each of the two parameters; then of those that differ.
     values = {"solref": (written.solref, solref), "solimp": (written.solimp, solimp)}
     lost = {name: value for name, value in values.items() if not same(*value)}
     geoms = context.all_geoms
@@ -127,11 +128,11 @@ def solref(context: Context) -> Iterator[Suspect]:
         return
     goal = context.goal()
     written_e = context.written_e
-    default = same(context.written.solref, DEFAULT_SOLREF)
-    certain = default or context.written.is_powerless
-    if not certain and (context.wanted is None or abs(written_e - goal) < _NOTABLE):
+    is_default = same(context.written.solref, DEFAULT_SOLREF)
+    is_certain = is_default or context.written.is_powerless
+    if not is_certain and (context.wanted is None or abs(written_e - goal) < _NOTABLE):
         return
-    if default:
+    if is_default:
         code = "default-solref"
         title = "is MuJoCo's default, critically damped: it asks for almost no bounce."
     elif context.written.is_powerless:
@@ -151,7 +152,8 @@ def solref(context: Context) -> Iterator[Suspect]:
         f"solref {title}",
         f"solref {numbers(context.written.solref)} promises e = {written_e:.3g}",
         *_restitution_fix(context, goal),
-        always_reported=certain,
+        always_reported=is_certain,
+        # It is made for the step and the integrator, which other fixes may change.
         apply_last=True,
         assumed_e=assumed_e,
     )
@@ -213,6 +215,7 @@ def _clamped(context: Context, contact: SoftConstraint) -> Iterator[Suspect]:
     contact: with the author's solimp and the solref that is used.
     """
     speeds = sorted({i.launch.speed for i in context.impacts})
+    # e at each speed.
     as_used = replace(contact, clamped=True).curve(speeds)
     as_written = replace(contact, clamped=False).curve(speeds)
     worst = int(np.argmax(np.abs(np.subtract(as_written, as_used))))
@@ -259,6 +262,7 @@ def sliding_lift(context: Context) -> Iterator[Suspect]:
             worst = impact
     if worst is None or worst.tangential is None:
         return
+    # The fix, and its <pair> as text.
     row, impratio = _soft_row(context, friction)
     parameters = {"solref": row.solref, "solimp": row.solimp, "solreffriction": row.solreffriction}
     # A <pair> that says nothing of friction has MuJoCo's default, not that of its geoms.
@@ -266,7 +270,7 @@ def sliding_lift(context: Context) -> Iterator[Suspect]:
     for name, values in parameters.items():
         attributes.append(f'{name}="{numbers_text(values, "{:.6g}".format)}"')
     pair = " ".join(attributes)
-    slip = math.hypot(*worst.tangential.slip_in)
+    slip = math.hypot(*worst.tangential.slip_in)  # m/s
     yield Suspect(
         "sliding-lift",
         "Friction throws a sliding body up: MuJoCo's contact turns slip into bounce, as far as it is stiff.",

@@ -109,10 +109,12 @@ class Context:
     @cached_property
     def written_e(self) -> float:
         """e of the contact as its author wrote it, at the median launch speed; NaN without one."""
+        if self.written is None:
+            return np.nan
         # The median by hand: np.median would import numpy.ma.
         speeds = sorted(speeds_of(self.impacts))
         median = (speeds[(len(speeds) - 1) // 2] + speeds[len(speeds) // 2]) / 2
-        return self.written.restitution(median) if self.written is not None else np.nan
+        return self.written.restitution(median)
 
     def goal(self) -> float:
         """The one e that a setting to paste should have: the target's middle e over the speeds of

@@ -104,12 +104,13 @@ def resolution(context: Context) -> Iterator[Suspect]:
     """
     law = context.used
     step = diagnose.StepFix(context.timestep, '<option timestep="{}"/>', fixes.set_options)
-    stiffness = 0.0
+    stiffness = 0.0  # per unit mass, 1/s²
     if law is not None:
         stiffness, _ = law.stiffness_damping()
     has_diverged = any(impact.status is Status.DIVERGED for impact in context.impacts)
     # Beyond 1, a step is longer than a radian of the oscillation.
     if has_diverged and stiffness * context.timestep**2 > 1:
+        # 40 steps in half a period.
         text, apply = step.to(math.pi / math.sqrt(stiffness) / 40)
         yield Suspect(
             "unstable",
@@ -275,6 +276,7 @@ def at_rest(context: Context) -> Iterator[Suspect]:
     contact where several different ones add up.
     """
     if (law := context.used) is not None:
+        # The impedances at touch and at depth; then width, midpoint and power, which stay.
         low, high, *curve = law.solimp
         harder = [float(f"{1.0 - _HARDER * (1.0 - d):.6g}") for d in (low, high)]
         solimp = (*harder, *curve)
