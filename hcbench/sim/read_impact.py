@@ -545,7 +545,7 @@ def reader(xp: Any) -> Callable[..., tuple[Any, ...]]:
         # One step of all bodies, SI: each argument is of shape (b,) or a number. The first line of
         # arguments is the state after the step, the next two the fields of `Rule`, the last two
         # those of `Reading`, which are returned in their order.
-        # Warp compiles these lines too: no helper, no keyword, no docstring, one assignment a line.
+        # Warp compiles these lines too: no helper, no keyword, one assignment a line.
         # Penetration and rate before the step, and the speed that the contact took in it.
         x = (radius - height) + beyond
         v = -rising
