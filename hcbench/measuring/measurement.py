@@ -164,6 +164,7 @@ class Measurement(Drawn):
             yield self.failure
             return
         curve = self.curve
+        # Evenly over the band.
         shown = curve[:: max(1, len(curve) // 4)]
         for point in shown[:5]:
             yield f"e = {point.restitution:.4f} at {point.speed_in:.4g} m/s"
