@@ -456,8 +456,10 @@ class _InMemory:
     tables: Mapping[Key, pd.DataFrame]
 
     def __call__(self, keys: Collection[Key]) -> Iterable[pd.DataFrame]:
-        """Tables of some keys; all of them where there is none."""
-        return (self.tables[key] for key in keys or self.tables)
+        """Tables of some keys; for no keys one table with all columns, and no rows."""
+        if keys:
+            return [self.tables[key] for key in keys]
+        return [table.iloc[:0] for table in self.tables.values()]
 
 
 @dataclass(frozen=True, repr=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -94,6 +95,8 @@ class StudyFile(SentTable):
 Table = TypeVar("Table", StudyFile, RunTable)
 
 
+# The unit in text such as "4, 16 in/s" or "4 inch/s"; "m/min" has none.
+_INCHES = re.compile(r"(?<![a-z])in(ch(es)?)?(?![a-z])")
 # Steps of one drop, at most.
 _MOST_STEPS = 1e9
 _PACKAGE = Path(__file__).parents[1]
@@ -325,7 +328,7 @@ def study_from(
     _require_short_drop(file, runs, where)
     # The page's unit is that in which the file states its speeds.
     speed_unit = "m/s"
-    if "in" in str(content.get("speeds")):
+    if _INCHES.search(str(content.get("speeds"))):
         speed_unit = "in/s"
     return Study(
         title=file.title or scene.title,

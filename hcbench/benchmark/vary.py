@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 # The time step belongs to the model, not to a contact, but decides e with the parameters of one.
 TIMESTEP = "timestep"
 MOST_ROWS = 10_000_000
+# Rows of a grid are numbered by NumPy.
+_MOST_OF_GRID = np.iinfo(np.int64).max
 _LOG = " log"
 _EXAMPLE = "Write for example --vary friction=0.3:1:5"
 
@@ -97,27 +99,33 @@ def rows_of(parameters: Sequence[VariedParameter], samples: int | None, seed: in
     that has no more is taken whole. seed: of the draw; a longer draw of bands begins with the
     shorter one.
 
-    Raises UserError for a grid with a band in it, and for more than MOST_ROWS.
+    Raises UserError for a grid with a band in it, for more than MOST_ROWS, and for a grid of 2^63
+    rows or more, from which none are drawn.
     """
     bands = [parameter.name for parameter in parameters if parameter.is_band]
     if bands and samples is None:
         advice = f"Write {bands[0]}=LOW:HIGH:COUNT, or draw rows by --samples"
         raise UserError("vary", f"{bands[0]} from LOW to HIGH", "how many values", advice)
     shape = tuple(len(parameter.values) for parameter in parameters)
-    count = math.prod(shape)
+    of_grid = math.prod(shape)
+    count = of_grid
     if samples is not None and (bands or samples < count):
         count = samples
     if not 1 <= count <= MOST_ROWS:
         raise UserError("samples", f"{count} rows", f"1 ... {MOST_ROWS}")
+    if not bands and of_grid > _MOST_OF_GRID:
+        got = f"a grid of {of_grid:.2g} rows"
+        raise UserError("vary", got, "less than 2^63", "Draw from bands: NAME=LOW:HIGH")
     random = np.random.default_rng(seed)
     if bands:
         # A stream for each parameter, so that a longer draw begins with the shorter one.
         streams = random.spawn(len(parameters))
         columns = [p.drawn(stream, count) for p, stream in zip(parameters, streams, strict=True)]
         return np.stack(columns, axis=1)
+    # Numbers of the rows in the whole grid.
     places = np.arange(count)
-    if count < math.prod(shape):
-        places = np.sort(random.choice(math.prod(shape), count, replace=False))
+    if count < of_grid:
+        places = np.sort(random.choice(of_grid, count, replace=False))
     indices = np.unravel_index(places, shape)
     chosen = zip(parameters, indices, strict=True)
     return np.stack([np.array(p.values)[index] for p, index in chosen], axis=1)

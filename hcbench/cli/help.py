@@ -344,6 +344,8 @@ def completion(shell: str) -> None:
 
 _TITLE = re.compile(r"^# (.+)$", re.MULTILINE)
 _HEADING = re.compile(r"^(#+) (.+)$", re.MULTILINE)
+# A block of code, with its fences.
+_CODE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 # A page that is another file of the repository.
 _INCLUDED = re.compile(r"```\{include\} (\S+)\n.*?```\n", re.DOTALL)
 
@@ -405,7 +407,7 @@ def _section(text: str, anchor: str) -> str:
     text: of the page. anchor: of the heading, as in the page's address. Raises UserError where the
     page has none such.
     """
-    headings = list(_HEADING.finditer(text))
+    headings = _headings(text)
     anchors = [re.sub(r"[^\w-]", "", h[2].lower().replace(" ", "-")) for h in headings]
     if anchor not in anchors:
         near = difflib.get_close_matches(anchor, anchors, 3, 0.5) or anchors[:3]
@@ -414,6 +416,17 @@ def _section(text: str, anchor: str) -> str:
     level = len(start[1])
     ends = [h.start() for h in headings if h.start() > start.start() and len(h[1]) <= level]
     return f"{text[start.start() : min(ends, default=len(text))].strip()}\n"
+
+
+def _headings(text: str) -> list[re.Match[str]]:
+    """The headings of a page: their "#"s and their words; comments in blocks of code are none."""
+    blocks = [block.span() for block in _CODE.finditer(text)]
+    headings = []
+    for heading in _HEADING.finditer(text):
+        is_code = any(start < heading.start() < end for start, end in blocks)
+        if not is_code:
+            headings.append(heading)
+    return headings
 
 
 def _text(path: Path) -> str:

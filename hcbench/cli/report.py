@@ -66,9 +66,13 @@ def reality_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def require_none(options: dict[str, Any], expected: str = f"the study `{NAME}`") -> None:
-    """UserError for an option of what was not asked for."""
+    """Raise UserError for an option that was given: not None, not False and not ().
+
+    expected: what the options belong to, for the error.
+    """
     for name, value in options.items():
-        if value not in (None, False, ()):
+        # Compared with == a number 0, which was given, would be False.
+        if value is not None and value is not False and value != ():
             raise UserError(f"--{name}", "given without what it belongs to", expected)
 
 

@@ -143,7 +143,12 @@ def restitution_of_one(d: float) -> float:
     The range is not checked. e = (1 + t S)/(1 + d) with t = d/(5 + d), as in `_series`: S is the
     sum of Clenshaw's recurrence.
     """
-    top, series = (LOW, LOW_SERIES) if d <= LOW else (TOP, SERIES)
+    top = TOP
+    series = SERIES
+    if d <= LOW:
+        top = LOW
+        series = LOW_SERIES
+    # Twice the argument of the Chebyshev polynomials: -2 at d = 0, 2 at d = top.
     x2 = 4.0 * (SHIFT + top) / top * d / (SHIFT + d) - 2.0
     b1 = b2 = 0.0
     for coefficient in series[:0:-1]:
@@ -166,6 +171,7 @@ def inverse_restitution(e: Floats) -> Floats:
     shortfall = 1.0 - e
     start = np.polynomial.polynomial.polyval(e, _START)
     d: Floats = shortfall / e * start
+    # From 0.7 % on, four steps reach the last digits.
     for _ in range(4):
         now = restitution_of(d)
         error = np.where(e >= 0.5, shortfall - one_minus_restitution(d), now - e)

@@ -60,12 +60,15 @@ def gauss_jacobi(count: int, a: float, b: float) -> tuple[Floats, Floats]:
     beside[1:2] = 4.0 * (1.0 + a) * (1.0 + b) / ((a + b + 2.0) ** 2 * (a + b + 3.0))
     beside = np.sqrt(beside)
     nodes = np.linalg.eigvalsh(np.diag(middle) + np.diag(beside[1:], -1))
-    # A weight is one over the sum of the squared polynomials of norm 1 at its node.
+    # A weight is one over the sum of the squared polynomials of norm 1 at its node; the recurrence
+    # gives each polynomial by the two before it.
     before = np.zeros(count)
     here = np.ones(count)
     squares = here.copy()
     for i in range(count - 1):
-        before, here = here, ((nodes - middle[i]) * here - beside[i] * before) / beside[i + 1]
+        following = ((nodes - middle[i]) * here - beside[i] * before) / beside[i + 1]
+        before = here
+        here = following
         squares += here**2
     whole = 2.0 ** (a + b + 1.0) * gamma(a + 1.0) * gamma(b + 1.0) / gamma(a + b + 2.0)
     return np.asarray(nodes), np.asarray(whole / squares)
@@ -213,7 +216,9 @@ def restitution(alpha: Floats | float, speed: Floats | float) -> Floats:
 
 
 def restitution_linear(alpha: Floats | float, speed: Floats | float) -> Floats:
-    """e = 1 - α v_i, eq. (2); alpha in s/m and speed in m/s broadcast. Negative above v_i = 1/α."""
+    """e = 1 - α v_i, eq. (2); alpha in s/m and speed in m/s broadcast. Below 0 from v_i = 1/α on;
+    numbers are not checked.
+    """
     return np.asarray(
         1.0 - np.asarray(alpha, dtype=np.float64) * np.asarray(speed, dtype=np.float64)
     )
@@ -369,9 +374,10 @@ def _time_scale(law: HuntCrossley, mass: float, speed: Floats) -> Floats:
 
 
 def loop(law: HuntCrossley, mass: float, speed: float, count: int = 401) -> Loop:
-    """One loop from touch to parting: arrays of shape (count,), nearly even in time, dense in x.
+    """One loop from touch to parting: times from touch (s), penetrations x (m), rates (m/s, above 0
+    on the way in) and forces (N), (count,) each, nearly even in time.
 
-    An odd count has the turning point x_m in its middle. Times are from touch. SI throughout.
+    mass: kg. speed: v_i, m/s. An odd count has the turning point x_m in its middle.
     Raises UserError for a mass or speed that is not above 0, for an α v above 1000, and for fewer
     than 3 points or more than _MOST_POINTS.
     """
@@ -383,6 +389,7 @@ def loop(law: HuntCrossley, mass: float, speed: float, count: int = 401) -> Loop
     elapsed = _elapsed(law, float(v), count)
     cosine = np.cos(theta)
     sine = np.sin(theta)
+    # Touch, parting and turning point are exact: x is 0, and so is the rate.
     cosine[[0, -1]] = [1.0, -1.0]
     sine[[0, -1]] = 0.0
     if count % 2:

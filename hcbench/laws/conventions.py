@@ -309,10 +309,11 @@ def contact_of(
     ):  # fmt: skip
         if value is not None:
             positive(slot, value, unit)
-    dissipation = dissipations.get(names[0])
+    (name,) = names
+    dissipation = dissipations.get(name)
     if dissipation is not None:
-        require(names[0], dissipation, 0.0 <= dissipation < math.inf, "0 s/m or more")
-        alpha = dissipation / _OVER_ALPHA[names[0]]
+        require(name, dissipation, 0.0 <= dissipation < math.inf, "0 s/m or more")
+        alpha = dissipation / _OVER_ALPHA[name]
     else:
         e = restitution
         if solref is not None:
@@ -468,10 +469,15 @@ def _smc_delivers(asked: float) -> float:
 
 
 def _smc_for(e: float) -> float | None:
-    """The e to set in SMC so that it gives e; None below the least that it can give."""
+    """The e to set in SMC so that it gives e, above 0 and up to 1; None below the least that it can
+    give.
+    """
+    if e == 1.0:
+        return 1.0
+    # Damping, however large, leaves an e where the contact ends at F = 0.
     least = 1e-300
-    if e >= 1.0 or e <= _smc_delivers(least):
-        return 1.0 if e == 1.0 else None
+    if e > 1.0 or e <= _smc_delivers(least):
+        return None
     return math.exp(root(lambda log: _smc_delivers(math.exp(log)) - e, math.log(least), 0.0, 1e-14))
 
 
@@ -481,8 +487,8 @@ def _flores_for(alpha_speed: float) -> float:
 
 
 def _old_tsuji(e: float) -> float:
-    """Restitution of LAMMPS' tsuji damping for an e asked for, before its missing factor √2 was
-    corrected.
+    """Restitution that LAMMPS' tsuji damping delivered for an e asked for, 0 to 1, before its
+    missing factor √2 was corrected.
 
     F = k x^(3/2) + A √(m k) x^(1/4) v is a damped linear spring in x^(5/4) with ζ = A/√5
     (D. Antypov, J. A. Elliott, "On an analytical solution for the damped Hertzian spring",

@@ -50,17 +50,21 @@ def tangential(impact: Impact, launch: Launch, scene: Scene) -> Tangential:
 
     impact: its speeds in and out and its duration count: with gravity they give the normal impulse.
     launch: its slip, the centre's velocity along the plate, m/s, and its spin, rad/s.
-    The plate's frame: x and y along it, z up. A sphere turning at (p, q, r) has (-R q, R p) there.
+    scene: its mass, radius, inertia, friction and gravity.
+    Vectors are in the plate's frame: x and y along it, z up. The contact point of a sphere that
+    turns at (p, q, r) moves by (-R q, R p) against its centre.
     """
     m = scene.mass
     R = scene.touch_radius
     inertia = scene.inertia
     # Gravity pushes through the contact, too.
     J_n = m * (impact.speed_in + impact.speed_out + scene.gravity * impact.duration)
+    # Velocity of the centre along the plate, and spin.
     u, v = launch.slip
     p, q, r = launch.spin
     slip = (u - R * q, v + R * p)
     J = friction_impulse(slip, J_n, scene)
+    # The same after the impact.
     after = (u + J[0] / m, v + J[1] / m)
     spin = (p + R * J[1] / inertia, q - R * J[0] / inertia, r)
 

@@ -96,7 +96,7 @@ class EllipticContact:
         )
 
     def approach(self, force: float) -> float:
-        """x of F = k x^(3/2)."""
+        """x of F = k x^(3/2), m, under a force in N, 0 or more."""
         return float((force / self.stiffness) ** (2.0 / 3.0))
 
     def semi_axes(self, force: float) -> tuple[float, float]:
@@ -118,7 +118,9 @@ class EllipticContact:
         return 1.5 * force / (math.pi * a * b)
 
     def shear_max(self, force: float) -> tuple[float, float]:
-        """Largest shear stress below the surface, and its depth; in the body where it is larger."""
+        """(largest shear stress below the surface, Pa, its depth, m) under a force in N; of the body
+        in which it is larger.
+        """
         _, b = self.semi_axes(force)
         share, depth = max(largest_shear(self.axis_ratio, nu) for nu in self.poisson_ratios)
         return share * self.pressure_max(force), depth * b
@@ -138,6 +140,7 @@ def contact(one: Surface, two: Surface, angle: float = 0.0) -> EllipticContact:
     """
     require("angle", angle, math.isfinite(angle), "a finite angle in rad")
     radii = (one.first, one.second, two.first, two.second)
+    # Principal curvatures of the one and of the other, 1/m.
     c1, c2, d1, d2 = (1.0 / r for r in radii)
     # A + B and B - A of the gap A x² + B y² (Johnson, Contact Mechanics, section 4.1).
     total = 0.5 * (c1 + c2 + d1 + d2)
@@ -199,7 +202,7 @@ def axis_stresses(
     Strain Analysis 18, 1983, 101-105, doi 10.1243/03093247V182101, after H. R. Thomas and V. A.
     Hoersch, 1930. Here with e² divided out by hand, so that the circle needs no branch.
     """
-    # Depth over the half axis: z / a.
+    # Depth over the long half axis: ζ = z/a.
     zeta = np.asarray(depth, dtype=float) * kappa
     m = 1.0 - kappa * kappa
     wide = 1.0 + zeta * zeta
@@ -210,6 +213,7 @@ def axis_stresses(
     # S = ∫ sin²/Δ, C = ∫ cos²/Δ from 0 to φ with cot φ = z/a.
     s_term = sin2**1.5 / 3.0 * elliprd(cos2, delta2, 1.0)
     c_term = np.sqrt(sin2) * elliprf(cos2, delta2, 1.0) - s_term
+    # σ_x is x_own + ν x_cross, over 2 κ; σ_y likewise.
     bend = 1.0 / (wide * (1.0 + t))
     x_own = -0.5 * bend + zeta * s_term
     x_cross = (bend - 1.0 + zeta * c_term) / kappa**2

@@ -125,15 +125,16 @@ def bounce(law: KelvinVoigt, mass: float, speed: float, ending: Ending) -> Kelvi
     positive("speed", speed, "m/s")
     zeta = damping_ratio(law, mass)
     omega = np.sqrt(law.stiffness / mass)
-    # m ω v_i and c v_i, both forces, N.
-    impulse = mass * omega * speed
+    # Largest spring force of an undamped bounce, m ω v_i, and force of the damper at touch, c v_i, N.
+    elastic = mass * omega * speed
     shock = law.damping * speed
     e = float(restitution(zeta, ending))
+    # ω t at the end of the contact.
     swing = _end(zeta, ending)
     beta = float(np.arcsin(min(zeta, 1.0)))
     push = shock
     if zeta < 0.5:
-        push = impulse * float(np.exp(-np.tan(beta) * (np.pi / 2 - 3 * beta)))
+        push = elastic * float(np.exp(-np.tan(beta) * (np.pi / 2 - 3 * beta)))
     left = 0.0
     if ending is Ending.FORCE:
         at_the_end, _ = state(law, mass, speed, swing / omega)
@@ -143,7 +144,7 @@ def bounce(law: KelvinVoigt, mass: float, speed: float, ending: Ending) -> Kelvi
         # Still rising in size at x = 0, where the damper alone pulls.
         pull = shock * e
     else:
-        pull = impulse * float(np.exp(-3.0 * zeta * _g(np.asarray(zeta))))
+        pull = elastic * float(np.exp(-3.0 * zeta * _g(np.asarray(zeta))))
     return KelvinVoigtImpact(
         restitution=e,
         duration=float(swing / omega),

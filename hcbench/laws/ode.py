@@ -47,9 +47,9 @@ def impact(
     tolerance: float = 1e-13,
     step_max: float = math.inf,
 ) -> Impact:
-    """One impact from touch to parting.
+    """One impact of a body with a fixed plate, from touch to parting, with its loop of force.
 
-    mass: kg.
+    law: the force, N, over penetration and rate. mass: effective, kg.
     speed: v_i at touch, m/s.
     gravity: m/s² towards the plate, acting through the contact too.
     ending: parting where x = 0, or already where F = 0 (matters to laws that pull).
@@ -75,6 +75,7 @@ def impact(
     inertia = depth / (mass * speed**2)
     weight = gravity * depth / speed**2
     path = _solve(force, inertia, weight, ending, tolerance, step_max)
+    # Times of each event, without unit, (k,); k is 0 for one that never came.
     at_surface, at_no_force, at_turn, _ = path.t_events
     end = float(path.t[-1])
     tau = np.linspace(0.0, end, count)
@@ -163,7 +164,8 @@ def _solve(
     inertia: X/(m v_i²), 1/N; weight: g X/v_i², without unit.
     ending: parting where x = 0, or already where F = 0. tolerance: relative error of a step.
     step_max: largest step in τ.
-    Returns SciPy's solution; its events are, in this order: x = 0, F = 0, turning, turning back.
+    Returns SciPy's solution: states (ξ, η) over τ, also between steps, up to the parting or LONGEST;
+    its events are, in this order: x = 0, F = 0, turning, turning back.
     Raises EngineFailed where SciPy gives up.
     """
 
@@ -185,6 +187,8 @@ def _solve(
     def turning_back(_: float, state: Floats) -> float:
         return float(state[1])
 
+    # Each is an event where its function falls through 0; turning back where it rises. The turning
+    # point alone does not end the contact.
     events: list[Any] = [surface, pushing, turning, turning_back]
     for event, terminal, direction in zip(events, (1, 1, 0, 1), (-1, -1, -1, 1), strict=True):
         event.terminal = bool(terminal)

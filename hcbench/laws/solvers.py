@@ -134,7 +134,10 @@ def minimum(
             )
             earlier = step
         if parabolic is None:
-            earlier = (low if x >= middle else high) - x
+            # Golden section of the longer side.
+            earlier = high - x
+            if x >= middle:
+                earlier = low - x
             step = _GOLDEN * earlier
         else:
             step = parabolic
@@ -153,6 +156,7 @@ def minimum(
             second, f_second = x, f
             x, f = tried, f_tried
             continue
+        # x stays the best; the point that was tried becomes an end.
         low, high = (tried, high) if tried < x else (low, tried)
         if f_tried <= f_second or second == x:
             third, f_third = second, f_second
@@ -177,6 +181,7 @@ def _to_vertex(
     above_second, above_third: value of the best point, less theirs.
     earlier: the step before the last. to_ends: steps to the interval's ends.
     """
+    # Brent's p and q: the step is p/q, which is not computed unless it is taken, since q may be 0.
     r = from_second * above_third
     q = from_third * above_second
     p = from_third * q - from_second * r

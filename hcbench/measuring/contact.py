@@ -275,8 +275,10 @@ def _first_touch(model: ModelUnderTest, launch: Launch) -> Floats:
     if not is_acting.any():
         return rows[:, :0]
     begin = int(is_acting.argmax())
+    end = len(is_acting)
     is_over = ~is_acting[begin:]
-    end = begin + int(is_over.argmax()) if is_over.any() else len(is_acting)
+    if is_over.any():
+        end = begin + int(is_over.argmax())
     touch: Floats = rows[:, begin:end]
     return touch[:, np.isfinite(touch).all(axis=0)]
 
@@ -292,6 +294,7 @@ def spring_and_damper(
     constraint's force: its share of what else accelerates the body.
     """
     columns = np.array([penetration, rate, np.ones(len(force))])
+    # Metres and metres a second differ by orders: columns of like size keep the digits.
     sizes = np.abs(columns).max(axis=1)
     if not sizes.all():
         return math.nan, math.nan, math.nan

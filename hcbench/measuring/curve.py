@@ -245,7 +245,7 @@ def curve_of_columns(
     along: the numbers ALONG of oblique impacts, shape (n, 6); None without any.
     Where some impacts of a group have a target, only those count for its means.
     """
-    first_of_group = np.unique(group, return_index=True)[1]
+    _, first_of_group = np.unique(group, return_index=True)
     count = len(first_of_group)
     has_e = ~np.isnan(restitution)
     has_target = has_e & ~np.isnan(target)
@@ -254,6 +254,7 @@ def curve_of_columns(
     compares = np.bincount(group[has_target], minlength=count) > 0
     counts = np.where(compares[group], has_target, has_e)
     by_phase = np.lexsort((phase, group))
+    # Numbers of the impacts that count, by groups and then phases; from here on arrays are of these.
     rows = by_phase[counts[by_phase]]
     known, starts, sizes = np.unique(group[rows], return_index=True, return_counts=True)
     share = step_shares(phase[rows], starts)
@@ -261,8 +262,9 @@ def curve_of_columns(
 
     e = restitution[rows]
     error = e - target[rows]
-    # The largest error first, of each group.
+    # Within each group the largest error first, so that `starts` are the places of the largest.
     worst_first = np.lexsort((-np.abs(error), group[rows]))
+    # A group without any e keeps the largest number, in place of which it gets 0.
     fewest = np.full(count, np.iinfo(np.int64).max)
     np.minimum.at(fewest, group[has_e], samples[has_e])
     failed = np.bincount(group[~has_e], minlength=count)
@@ -338,12 +340,12 @@ def impacts_of(model: ModelUnderTest, request: Request) -> list[Impact]:
         if impact.samples < STEPS_WITHOUT_CHANCE:
             new[place] = wanted[place][1:]
     while new:
-        impacts = iter(
-            simulate.impacts_in(model, list(itertools.chain.from_iterable(new.values())))
-        )
+        of_round = list(itertools.chain.from_iterable(new.values()))
+        impacts = iter(simulate.impacts_in(model, of_round))
         tried = new
         new = {}
         for place, launches in tried.items():
+            # The impacts come group by group, as the launches were sent.
             groups[place] += itertools.islice(impacts, len(launches))
             groups[place].sort(key=lambda impact: impact.launch.phase)
             more = _between(groups[place])

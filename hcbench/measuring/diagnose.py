@@ -85,6 +85,7 @@ def energy_gain(impacts: Sequence[Impact], step: StepFix) -> Iterator[Suspect]:
     gain, samples = _gain(impacts)
     if gain <= 1 + NOTABLE_GAIN:
         return
+    # So that the shortest contact takes 200 steps.
     text, apply = step.to(step.timestep * min(0.05, max(samples, 1) / 200))
     yield Suspect(
         ENERGY_GAIN,
@@ -104,6 +105,7 @@ def few_steps(impacts: Sequence[Impact], step: StepFix, softer: str) -> Iterator
     gain, samples = _gain(impacts)
     if gain > 1 + NOTABLE_GAIN or not 0 < samples <= STEPS_BY_CHANCE:
         return
+    # So that the shortest contact takes 60 steps, well above the 20 that are needed.
     text, apply = step.to(step.timestep * samples / 60)
     yield Suspect(
         "few-steps",
@@ -243,6 +245,7 @@ def diagnose(
     measured counts as an error of 1; other errors of the engine are raised.
     """
     touched = [impact for impact in impacts if impact.status is not Status.NO_TOUCH]
+    # Of launches that all missed, suspects are named all the same.
     impacts = touched or impacts
     suspects = model.suspects(impacts, wanted)
     if not touched and NO_PUSH not in _codes(suspects):
@@ -443,6 +446,7 @@ def _tried_causes(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -
     """
     before = trials.max_error([])
     after = trials.max_error(fixes)
+    # The least change of the error that tells two sets of fixes apart.
     notable = max(min(tolerance, _HALF * before), _NOTABLE * before)
 
     def gain_alone(fix: Suspect) -> float:

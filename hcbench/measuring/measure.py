@@ -232,7 +232,8 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
 def begin_measuring(models: Sequence[str], engine: Any) -> None:
     """Let a worker process import what measuring these files takes, while its parent reads on.
 
-    engine: name of one, or None. An error is not raised here, but where the model is opened.
+    models: paths. engine: name of one; None for the first that opens them. An error is not raised
+    here, but where the model is opened. An engine in an environment of its own is not begun.
     """
     # The error is raised again where the model is needed.
     with suppress(HcbenchError):
@@ -308,6 +309,7 @@ def _measured(job: Job) -> Measurement:
     """
     request = job.request
     causes: tuple[Cause, ...] = ()
+    # What is left with all causes fixed, a sentence.
     remedy = ""
     engine, source, rebuild = source_of(job)
     with engine.open(source, request, rebuild) as model:
@@ -322,12 +324,14 @@ def _measured(job: Job) -> Measurement:
         if job.diagnose and not is_as_chosen:
             goal = goal_of(facts.asked, request.speeds, job.wanted)
             causes, remedy = diagnose(model, impacts, goal, job.wanted, job.tolerance)
-        lacking = rest_causes(model, rest, job.rest, suspects)
+        of_rest = rest_causes(model, rest, job.rest, suspects)
     if not causes:
         _require_touch(impacts, facts)
+    # Landings and other steps need the model anew: after it is closed.
     if contact is not None:
 
         def at_step(timestep: float) -> ModelUnderTest:
+            """The same pair at another step, s."""
             again = rebuild() if rebuild else source
             return engine.open(again, replace(request, timestep=timestep), rebuild)
 
@@ -341,7 +345,7 @@ def _measured(job: Job) -> Measurement:
         causes=causes,
         remedy=remedy,
         rest=rest,
-        rest_causes=lacking,
+        rest_causes=of_rest,
         contact=contact,
     )
 

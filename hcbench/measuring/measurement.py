@@ -134,6 +134,13 @@ class Measurement(Drawn):
         return curve_of(self.impacts, lambda impact: float(wanted.at(impact.speed_in)))
 
     @property
+    def asked_at(self) -> dict[float, float]:
+        """{launch speed, m/s: e that the model asks for there}; NaN where it asks for none."""
+        speeds = self.request.speeds
+        e = self.facts.asked or (math.nan,) * len(speeds)
+        return dict(zip(speeds, e, strict=True))
+
+    @property
     def headline(self) -> list[str]:
         """Lines of model, pair, engine and conditions of the measurement, four in all.
 
@@ -157,6 +164,7 @@ class Measurement(Drawn):
             yield self.failure
             return
         curve = self.curve
+        # Evenly over the band.
         shown = curve[:: max(1, len(curve) // 4)]
         for point in shown[:5]:
             yield f"e = {point.restitution:.4f} at {point.speed_in:.4g} m/s"

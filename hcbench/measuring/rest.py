@@ -107,12 +107,15 @@ def rest_causes(
             excess[name] = value
     if not excess:
         return ()
+    # By code: the share of the excess that the fix leaves, and the cause.
     causes: dict[str, tuple[float, Cause]] = {}
     for suspect in suspects:
         after = _fixed_rest(model, suspect)
         if after is None:
             continue
-        left, name = min((getattr(after, name) / before, name) for name, before in excess.items())
+        # The quantity that this fix helps most.
+        shares = [(getattr(after, name) / before, name) for name, before in excess.items()]
+        left, name = min(shares)
         if left < _HELPS:
             before = excess[name]
             unit = _UNITS[name]

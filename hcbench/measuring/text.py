@@ -140,9 +140,7 @@ def _curve_lines(measurement: Measurement) -> list[str]:
     """Lines of the table of e over speed: a row for each launch speed and angle, in m/s and
     degrees. Columns of the angle, of e after the force and of failures are left out if empty.
     """
-    speeds = measurement.request.speeds
-    asked_e = measurement.facts.asked or (math.nan,) * len(speeds)
-    asked = dict(zip(speeds, asked_e, strict=True))
+    asked = measurement.asked_at
     rows = []
     for point in measurement.curve:
         angle = ""

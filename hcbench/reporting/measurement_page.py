@@ -43,12 +43,13 @@ from hcbench.terms.impact import LOOP_TOLERANCE, Impact
 
 def measurement_page(measurement: Measurement) -> str:
     """The page on one measurement as HTML text; parts for which it has no impacts are left out."""
-    # e that the model asks for at each launch speed; NaN where it asks for none.
-    asked = measurement.facts.asked or (math.nan,) * len(measurement.curve)
     explored = explorer_of(measurement)
     make_loops = None
     if measurement.loops:
         make_loops = partial(_loops_figure, measurement)
+    # Of several angles, each has a point at every speed.
+    asked = measurement.asked_at
+    points = [(p, f"{math.degrees(p.angle):.4g}", asked[p.speed]) for p in measurement.curve]
     return render(
         "measurement.html",
         script=explorer_script() if explored else None,
@@ -59,7 +60,7 @@ def measurement_page(measurement: Measurement) -> str:
         longest=LONGEST_NOTE,
         curve=draw(Drawing("curve", partial(curve_figure, measurement))),
         loops=draw(Drawing("loops", make_loops)),
-        points=list(zip(measurement.curve, asked, strict=True)),
+        points=points,
         settings={name: setting_text(value) for name, value in measurement.facts.settings.items()},
     )
 
@@ -92,7 +93,7 @@ def curve_figure(measurement: Measurement) -> Figure:
     figure = new_figure(6.4, 3.6)
     axes = figure.subplots()
     if measurement.facts.asked:
-        asked = dict(zip(measurement.request.speeds, measurement.facts.asked, strict=True))
+        asked = measurement.asked_at
         values = [asked[speed] for speed in curve.speed.tolist()]
         axes.plot(speeds, values, color=LAW, linewidth=4.0, label="what the model asks for")
     if measurement.wanted is not None:
@@ -217,7 +218,7 @@ def explorer_of(measurement: Measurement) -> Explorer | None:
     where = {"engine": facts.engine, "step": facts.timestep, "gravity": gravity, "alpha": law.alpha}
     runs = [{**where, **_measured(with_loop, head_on, loops)}]
     if facts.asked:
-        asked = dict(zip(measurement.request.speeds, facts.asked, strict=True))
+        asked = measurement.asked_at
         values = [asked[speed] for speed in head_on.speed.tolist()]
         runs.append({**where, **_asked(head_on, values)})
     for run in runs:

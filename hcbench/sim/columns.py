@@ -212,7 +212,7 @@ def _launches_of(table: bytes) -> Launches:
 
 
 def _listed(column: NDArray[Any]) -> list[Any]:
-    """A column's values as a list, each NaN being the one object `np.nan`.
+    """A column's values, shape (n,), as a list, each NaN being the one object `np.nan`.
 
     Python holds tuples with the same NaN object to be equal; so impacts with equal numbers are
     equal, too.
@@ -279,10 +279,12 @@ class Impacts(Columns[Impact]):
         for field in fields(cls):
             if field.name in columns:
                 continue
+            # Types are text under `from __future__ import annotations`.
             kind = {"Floats": np.float64, "Whole": np.int64}.get(str(field.type), np.object_)
             name = field.name
             if name == "source":
                 name = "loop"
+            # Filled in place: NumPy would make an array of arrays out of objects such as loops.
             column = np.empty(len(impacts), kind)
             column[:] = [getattr(impact, name) for impact in impacts]
             columns[field.name] = column
@@ -317,13 +319,23 @@ class Impacts(Columns[Impact]):
             _listed(self.speed_after_force),
             strict=True,
         )
-        for launch, status, reason, v_in, v_out, duration, depth, force, samples, *read in columns:
-            source, row, start, along, freed = read
+        # Names and order are those of `columns`, and of the fields of `Impact`.
+        for launch, status, reason, v_in, v_out, duration, depth, force, samples, *rest in columns:
+            source, row, start, along_plate, v_after_force = rest
             loop = source
             if isinstance(source, Recorded):
                 loop = source.loop(row, start, samples)
             measured = (v_in, v_out, duration, depth, force)
-            yield Impact(launch, STATUSES[status], reason, *measured, samples, loop, along, freed)
+            yield Impact(
+                launch,
+                STATUSES[status],
+                reason,
+                *measured,
+                samples,
+                loop,
+                along_plate,
+                v_after_force,
+            )
 
     @property
     def is_measured(self) -> Flags:

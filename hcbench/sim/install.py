@@ -136,7 +136,7 @@ def requirements(name: str, backend: Backend, version: str) -> list[str]:
     for line in declared:
         needed, _, marker = line.partition(";")
         needed = needed.strip()
-        marker, of_extra = re.subn(rf"(and\s+)?extra\s*==\s*['\"]{name}['\"]", "", marker)
+        marker, of_extra = _without_extra(marker, name)
         # Needed: lines of the extra named as the engine, and those without an extra; but hcbench's
         # own without an extra are among the worker's already.
         is_needed = of_extra or not (is_own or "extra" in marker)
@@ -146,12 +146,26 @@ def requirements(name: str, backend: Backend, version: str) -> list[str]:
         if package == backend.package:
             asked = re.split(r"[^\w.\[\],-]", needed, maxsplit=1)[0]
         else:
-            lines.append("; ".join(filter(None, (needed, marker.strip()))))
+            lines.append("; ".join(filter(None, (needed, marker))))
     if version:
         lines.append(f"{asked}=={version}")
     else:
         lines.append(f"{asked}>={backend.oldest}")
     return lines
+
+
+def _without_extra(marker: str, extra: str) -> tuple[str, bool]:
+    """(a requirement's marker as it is where an extra is asked for, whether it names that extra).
+
+    marker: such as "python_version < '3.13' and extra == 'myengine'"; "" for none.
+    """
+    condition = rf"extra\s*==\s*['\"]{re.escape(extra)}['\"]"
+    # Most tools that build packages write it last.
+    without, found = re.subn(rf"(\band\s+)?{condition}\s*$", "", marker)
+    if not found:
+        # Within parentheses or before others something true has to stand in its place.
+        without, found = re.subn(condition, "python_version >= '3'", marker)
+    return without.strip(), found > 0
 
 
 def _try(made: Environment) -> None:

@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
+from xml.sax.saxutils import escape, unescape
 
 from hcbench.system.errors import SceneError, UserError
 from hcbench.system.files import is_file, is_folder, read_bytes
@@ -158,10 +159,11 @@ def require_packages(path: Path, packages: Packages) -> None:
     folders = folders_of(path, packages)
     for match in _NAMED.finditer(read_xml(path)):
         name = match["name"]
+        file = _as_text(match["rest"])
         if name not in folders:
             got = f"{path}: no folder above it has the files of package {name!r}"
             raise SceneError("model", got, "its folder", f"Give it by --package {name}=FOLDER")
-        if not is_file(folders[name] / match["rest"]):
+        if not is_file(folders[name] / file):
             got = f"{path}: {match[0]!r} is not in {folders[name]}"
             raise SceneError("model", got, "a file of the package")
 
@@ -177,14 +179,23 @@ def folders_of(path: Path, packages: Packages) -> dict[str, Path]:
     folders: dict[str, Path] = {}
     for match in _NAMED.finditer(read_xml(path)):
         name = match["name"]
+        file = _as_text(match["rest"])
         if name in given:
             folders[name] = Path(given[name])
         elif name not in folders:
             for above in path.absolute().parents:
-                if is_file(above / name / match["rest"]):
+                if is_file(above / name / file):
                     folders[name] = above / name
                     break
     return folders
+
+
+_QUOTES = {'"': "&quot;", "'": "&apos;"}
+
+
+def _as_text(attribute: str) -> str:
+    """The name that an attribute of XML has: "a&amp;b.stl" is a&b.stl."""
+    return unescape(attribute, {entity: quote for quote, entity in _QUOTES.items()})
 
 
 def with_absolute_files(path: Path, packages: Packages) -> str:
@@ -199,13 +210,14 @@ def with_absolute_files(path: Path, packages: Packages) -> str:
         name = match["name"]
         # Folder of the file, None where its package is not known, and its path in there.
         folder: Path | None = path.absolute().parent
-        rest = name
+        file = _as_text(name)
         if (named := _NAMED.fullmatch(name)) is not None:
             folder = folders.get(named["name"])
-            rest = named["rest"]
-        shown = name
-        if folder is not None and is_file(folder / rest):
-            shown = str((folder / rest).resolve())
-        return f"{match['before']}{match['quote']}{shown}{match['quote']}"
+            file = _as_text(named["rest"])
+        written = name
+        if folder is not None and is_file(folder / file):
+            # The folders above may have a name such as "R&D".
+            written = escape(str((folder / file).resolve()), _QUOTES)
+        return f"{match['before']}{match['quote']}{written}{match['quote']}"
 
     return _FILE.sub(absolute, read_xml(path))

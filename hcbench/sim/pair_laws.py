@@ -58,9 +58,10 @@ class Laws:
 def laws_of(model: Any, pairs: Pairs, names: Names | None = None) -> Laws:
     """The laws of all pairs of geoms of a compiled MJCF model.
 
-    pairs: {two names of geoms or bodies: α, or their law}. names: ids of the geoms of each; those
-    of the model unless given. Raises UserError for what is not an
-    MjModel, for names that it lacks, for none at all, and for two geoms that two pairs mean;
+    pairs: {two names of geoms or bodies: α, s/m, or their law}. names: {name: ids of its geoms};
+    those of the model unless given.
+    Raises UserError for what is not an MjModel, for names that it lacks, for none at all, for two
+    parts of which none moves or that share a geom, and for two geoms that two pairs mean;
     SettingError for an integrator of several forces a step.
     """
     if type(model).__name__ != "MjModel":
@@ -74,6 +75,7 @@ def laws_of(model: Any, pairs: Pairs, names: Names | None = None) -> Laws:
     known = names or _names(model)
     for number, (both, value) in enumerate(pairs.items()):
         first, second = (_geoms(known, name) for name in both)
+        # Bodies that are welded to the world, 0, do not move.
         moves = model.body_weldid[model.geom_bodyid[[*first, *second]]] != 0
         if not moves.any() or set(first) & set(second):
             raise UserError("pairs", f"{both} cannot meet", "two parts, one of which moves")

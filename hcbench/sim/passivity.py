@@ -76,8 +76,9 @@ class LongestTrain:
     fastest: float
 
     def restitution(self, speed: Floats) -> Floats:
-        """The largest e that is allowed at impact speeds in m/s, same shape.
+        """The largest e that is allowed: the target's plus the error; same shape as `speed`.
 
+        speed: of the impacts, m/s.
         An impact takes at least half of what the target takes. Without that bound an error of the
         size of 1 - e would allow a body to bounce for ever.
         """
@@ -86,9 +87,9 @@ class LongestTrain:
 
     def rebounds_after(self, heights: Sequence[float], gravity: float, seconds: float) -> Floats:
         """Speeds with which bodies still bounce `seconds` after they were dropped, if each impact
-        has the largest e that is allowed: m/s, one for each height; 0 where the bouncing ended.
+        has the largest e that is allowed: m/s, (d,); 0 where the bouncing ended.
 
-        heights: of the drops, m. gravity: m/s², above 0.
+        heights: of the d drops, m. gravity: m/s², above 0.
         """
         speed = np.sqrt(2.0 * gravity * np.asarray(heights, dtype=np.float64))
         # A train has thousands of bounces: e from a table takes a tenth of
@@ -103,11 +104,14 @@ class LongestTrain:
         while going.size:
             bouncing *= np.interp(bouncing, speeds, restitutions)
             bouncing[bouncing < _SLOWEST] = 0.0
+            # A flight up and down.
             touch += 2.0 * bouncing / gravity
             goes_on = (touch <= seconds) & (bouncing > 0.0)
             if not goes_on.all():
                 speed[going] = bouncing
-                going, bouncing, touch = going[goes_on], bouncing[goes_on], touch[goes_on]
+                going = going[goes_on]
+                bouncing = bouncing[goes_on]
+                touch = touch[goes_on]
         return speed
 
 
@@ -184,8 +188,8 @@ class Passivity:
     findings: of the whole gate, empty for a screen.
     others: what the setting does to other contacts of the model, a sentence; "" for nothing.
     sliding: of a ball that slides, spins and rolls with friction.
-    boxes: of boxes and a capsule that fall and, with friction, slide and spin; those after the first
-    that fails may be missing.
+    boxes: of boxes and a capsule that fall and, with friction, slide and spin; those after the
+    first that fails may be missing.
     """
 
     bounces: Bounces
@@ -231,8 +235,10 @@ class Passivity:
                 f"gains energy below {bounces.gains_below:.2g} m/s (e up to {bounces.max_e:.4g})"
             )
         if bounces.still_bouncing:
-            counted = f"{bounces.still_bouncing} of {bounces.tried} bounce on longer than the target would"
-            words.append(f"does not come to rest ({counted})")
+            counted = f"{bounces.still_bouncing} of {bounces.tried}"
+            words.append(
+                f"does not come to rest ({counted} bounce on longer than the target would)"
+            )
         if self.slope_drift > MOST_DRIFT:
             words.append(f"slides down a slope of 10 degrees at {1e3 * self.slope_drift:.2g} mm/s")
         words += [finding.failure for finding in self.sliding if not finding.passed]
@@ -283,16 +289,18 @@ class DropReader:
         self._last = chunk[..., -1:]
         # Speed at the touch plane, by the energy that the integrator keeps in free flight.
         half = self.reading.share * self.gravity * self.timestep
-        kept = np.sqrt(np.maximum(0.0, (v + half) ** 2 - 2.0 * self.gravity * x))
+        at_plane = np.sqrt(np.maximum(0.0, (v + half) ** 2 - 2.0 * self.gravity * x))
         apart = x <= 0.0
         changed = apart[:, :-1] != apart[:, 1:]
+        # Steps after which a body touches or parts, drop by drop, each in order.
         for drop, step in zip(*np.nonzero(changed), strict=True):
             if apart[drop, step]:
-                self._speed_in[drop] = kept[drop, step]
+                self._speed_in[drop] = at_plane[drop, step]
+            # A body that is lifted out of the plate while it sinks has not parted.
             elif v[drop, step + 1] < 0.0:
                 self._parted[drop] = self._steps + step
-                self._speed_out[drop] = kept[drop, step + 1]
-                self._judge(self._speed_in[drop], kept[drop, step + 1])
+                self._speed_out[drop] = at_plane[drop, step + 1]
+                self._judge(self._speed_in[drop], at_plane[drop, step + 1])
         self._steps += penetration.shape[1]
 
     def _judge(self, speed_in: float, speed_out: float) -> None:
@@ -319,7 +327,7 @@ def allowed_rebounds(
     train: LongestTrain | None, heights: Sequence[float], gravity: float
 ) -> Floats:
     """Speeds with which bodies may still bounce in the last _STILL seconds of drops that last LASTS:
-    m/s, one for each height.
+    m/s, (d,) for d heights.
 
     train: the longest train of bounces that the target allows; None: all speeds are 0, as the body
     has to rest. heights: m. gravity: m/s², above 0.
@@ -338,7 +346,7 @@ def passivity_of(
     train: LongestTrain | None = None,
 ) -> Passivity:
     """Test whether a setting adds energy, by impacts below and above a band of speeds, and, if
-    `whole`, by drops as well.
+    `whole`, by drops as well: the `bounces` of the result; nothing else is tested.
 
     speeds: the band, lowest and highest, m/s.
     train: the longest train of bounces that its target allows; None for a setting that must rest in
@@ -346,7 +354,6 @@ def passivity_of(
     An engine without time steps has no drops. Raises SettingError for a setting that the engine
     cannot have, SceneError for a scene that it cannot load, EngineMissing, EngineFailed.
     """
-    low, high = speeds
     # An engine in an environment of its own answers by its adapter.
     adapter = getattr(engine, "adapter", engine)
     controlled = getattr(adapter, "error_controlled", None)
@@ -357,29 +364,43 @@ def passivity_of(
         phases = 1
     if controlled is not None and controlled(setting):
         phases = 1
-    slowest = max(_SLOW * low, _FALLS * scene.gravity * setting.timestep)
+    launches = _around_band(speeds, phases, setting.timestep, scene.gravity)
+    largest_e = 0.0
+    # The fastest impact that gained energy, m/s.
+    gains_below = 0.0
+    measured = 0
+    for impact in engine.run(scene, setting, launches):
+        if not impact.is_measured or not impact.speed_in > 0.0:
+            continue
+        measured += 1
+        largest_e = max(largest_e, impact.restitution)
+        if impact.restitution > MOST_E:
+            gains_below = max(gains_below, impact.speed_in)
+    bounces = Bounces(max_e=largest_e, gains_below=gains_below, still_bouncing=0, tried=measured)
+    if whole and has_steps:
+        bounces = bounces.joined(drops_in(engine, scene, setting, train=train))  # type: ignore[arg-type]
+    return Passivity(bounces)
+
+
+def _around_band(
+    speeds: tuple[float, float], phases: int, timestep: float, gravity: float
+) -> list[Launch]:
+    """Launches below and above a band of impact speeds, at its ends too, each speed at several
+    phases.
+
+    speeds: lowest and highest of the band, m/s. phases: evenly over a step. timestep: s. gravity:
+    m/s².
+    """
+    low, high = speeds
+    slowest = max(_SLOW * low, _FALLS * gravity * timestep)
     below_band = np.geomspace(min(slowest, low), low, _SPEEDS)
     above_band = np.geomspace(high, max(high, _FAST), 3)
     launches = []
     for v in (*below_band, *above_band):
         for number in range(phases):
             phase = (number + 0.5) / phases
-            launches.append(Launch.touching(v, phase, setting.timestep, scene.gravity))
-    largest = 0.0
-    # The fastest impact that gained energy, m/s.
-    fastest = 0.0
-    measured = 0
-    for impact in engine.run(scene, setting, launches):
-        if not impact.is_measured or not impact.speed_in > 0.0:
-            continue
-        measured += 1
-        largest = max(largest, impact.restitution)
-        if impact.restitution > MOST_E:
-            fastest = max(fastest, impact.speed_in)
-    bounces = Bounces(largest, fastest, 0, measured)
-    if whole and has_steps:
-        bounces = bounces.joined(drops_in(engine, scene, setting, train=train))  # type: ignore[arg-type]
-    return Passivity(bounces)
+            launches.append(Launch.touching(v, phase, timestep, gravity))
+    return launches
 
 
 def drops_in(
@@ -389,14 +410,15 @@ def drops_in(
     heights: Sequence[float] = HEIGHTS,
     train: LongestTrain | None = None,
 ) -> Bounces:
-    """Drop the scene's body in an engine from each height, m, simulate it for LASTS s by the engine's
+    """Drop the scene's body in an engine from each height, simulate it for LASTS s by the engine's
     own steps, and read how it bounces.
 
     The scene's gravity acts, or the standard one where it has none.
 
-    train: the longest train of bounces that the setting's target allows; None: it must rest.
-    Raises SettingError for a setting that the engine cannot have, SceneError for a scene that it
-    cannot load, EngineMissing, EngineFailed for a worker process that died or hung.
+    heights: m, the highest last. train: the longest train of bounces that the setting's target
+    allows; None: it must rest. Raises SettingError for a setting that the engine cannot have,
+    SceneError for a scene that it cannot load, EngineMissing, EngineFailed for a worker process
+    that died or hung.
     """
     with_gravity = replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
     if not engine.own_process:
@@ -425,6 +447,7 @@ def _drops_here(
         redirect_output() if engine.own_process else nullcontext(),
         engine.load(scene, setting, fastest) as world,
     ):
+        # As many at a time as the world carries; the last group may be smaller.
         for start in range(0, len(launches), world.places):
             together = slice(start, start + world.places)
             reader = DropReader(

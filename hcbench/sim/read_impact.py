@@ -101,8 +101,10 @@ class SpeedReading(StrEnum):
         contact and the first after it.
         fall: g h, m/s.
         gravity: g, m/s², into the plate.
+        A state without the energy to reach the plane has the speed 0.
         """
-        (x_in, v_in), (x_out, v_out) = before, after
+        x_in, v_in = before
+        x_out, v_out = after
         if gravity == 0.0:
             return v_in, -v_out
         # What the kept energy adds to a state's rate, m/s: half of g h for semi-implicit Euler.
@@ -124,10 +126,12 @@ def _crossing_speed(x: Floats, at: NDArray[np.int64], h: float) -> Floats:
     act between the three states.
     """
     launch = np.arange(len(x))
-    middle = np.clip(at, 1, max(1, x.shape[1] - 2))
+    last = x.shape[1] - 1
+    # A path of fewer than three states repeats its last one.
+    middle = np.clip(at, 1, max(1, last - 1))
     before = x[launch, middle - 1]
-    here = x[launch, np.minimum(middle, x.shape[1] - 1)]
-    after = x[launch, np.minimum(middle + 1, x.shape[1] - 1)]
+    here = x[launch, np.minimum(middle, last)]
+    after = x[launch, np.minimum(middle + 1, last)]
     # v² = v_here² - 2 a x_here, with the central differences of the parabola, all times h².
     with np.errstate(all="ignore"):
         squared = (0.5 * (after - before)) ** 2 - 2.0 * (after - 2.0 * here + before) * here
@@ -192,10 +196,13 @@ def impacts_of(
     state that no contact force has touched and the first after the force has ceased for good. An
     impact that went wrong has a status and a reason; nothing is raised.
     """
+    # Free steps that were waited for after the parting serve `reading` alone.
     counts = counts - np.where(ends == End.PARTED, reading.steps_after, 0)
     first, stops, deepest, hardest = _contact(states, counts)
     launch_numbers = np.arange(len(counts))
+    # Of a launch that ends in contact, its last step.
     after = np.minimum(stops, counts - 1)
+    # (penetration, rate), (b,) each.
     came = tuple(states[:2, launch_numbers, first])
     left = tuple(states[:2, launch_numbers, after])
     h = 0.0
@@ -249,14 +256,15 @@ class EndedContacts:
         the status and the reason.
 
         launches: in the order of the contacts.
-        speeds: in, out and, where it is another, after the force, m/s; that out of a rested launch
-        is set to 0, in place.
+        speeds: (in, out), or (in, out, once the force has ceased), m/s, (b,) each; the speed out of
+        a rested launch is set to 0, in place.
         h: the step, s.
         diverged: the reason to give for NOT_FINITE.
         record: has the loops; None for impacts without any.
         """
         ends = self.ends
         count = len(ends)
+        # Steps in which the force acted.
         acted = self.stops - self.first
         failed = _FAILS[ends]
         v_in, v_out = speeds[:2]
@@ -323,7 +331,7 @@ def _crossing_speeds(
     """
     x = states[0]
     is_deep = x > 0.0
-    # The surfaces may meet before the force acts.
+    # Step in which the surfaces have met, (b,): they may do so before the force acts.
     entered = np.where(
         is_deep.any(axis=1), np.minimum(seen.first, is_deep.argmax(axis=1)), seen.first
     )
@@ -348,6 +356,7 @@ def _contact(
     penetration, _, force = states
     launches, n = force.shape
     with np.errstate(all="ignore"):
+        # NaN, of an engine that gave up, counts as a force.
         acting = force != 0.0
         acting &= np.arange(n) < counts[:, None]
     first = acting.argmax(axis=1)
@@ -459,6 +468,7 @@ def rule_for(launches: Launches, scene: Scene, timestep: float, bits: int, kind:
         beyond=scene.touch_radius - float(kind(scene.touch_radius)),
         mass=scene.mass,
         timestep=timestep,
+        # As many units in the last place as count for nothing.
         noise=ROUND_OFF_STEP * float(np.finfo(f"f{bits // 8}").eps),
         largest=float(np.finfo(kind).max),
     )
@@ -525,9 +535,6 @@ def reader(xp: Any) -> Callable[..., tuple[Any, ...]]:
     )
     turned, never, unfinished = map(int, (End.TURNED_BACK, End.NEVER_TOUCHED, End.UNFINISHED))
 
-    # One step of all bodies: each argument is of shape (b,), and so are the fields of `Reading`
-    # that it returns, in their order.
-    # Warp compiles these lines too: no helper, no keyword, one assignment a line.
     def add(  # type: ignore[no-untyped-def]
         height_after, rising_after,
         flight_steps, rest_speed, idle_speed, contact_steps, fall, held_speed,
@@ -535,6 +542,10 @@ def reader(xp: Any) -> Callable[..., tuple[Any, ...]]:
         steps, end, touch, last, still, idle, held, stuck,
         height, rising, x_before, x_in, v_in, x_out, v_out, sunk, deepest, hardest,
     ):  # fmt: skip
+        # One step of all bodies, SI: each argument is of shape (b,) or a number. The first line of
+        # arguments is the state after the step, the next two the fields of `Rule`, the last two
+        # those of `Reading`, which are returned in their order.
+        # Warp compiles these lines too: no helper, no keyword, one assignment a line.
         # Penetration and rate before the step, and the speed that the contact took in it.
         x = (radius - height) + beyond
         v = -rising

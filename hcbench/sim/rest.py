@@ -102,33 +102,35 @@ def rest_of(
     along: Floats | None = None,
 ) -> Rest:
     """Measure how a body rests from its path: how deep it lies, sinks, vibrates and drifts in the
-    second half, when the path has calmed. DIVERGED if a number is not finite.
+    second half, when the path has calmed. DIVERGED if a penetration or rate is not finite.
 
     time (s), penetration (m), rate (m/s) and force (N, or None): (n,) each. along: its position
-    along the plate, m, (n, k), or None.
+    along the plate, m, (n, k), or None. `force_noise` and `drift` of the result are NaN without
+    them.
     """
     if not (np.isfinite(penetration).all() and np.isfinite(rate).all()):
         return DIVERGED
     half = len(time) // 2
-    before = slice(half)
-    last = slice(half, None)
+    first_half = slice(half)
+    last_half = slice(half, None)
     # The slope of a straight line through the penetrations, m/s.
-    sinking = float(np.polyfit(time[last], penetration[last], 1)[0])
-    vibration = float(np.sqrt(np.mean((rate[last] - sinking) ** 2)))
-    earlier = float(np.sqrt(np.mean((rate[before] - sinking) ** 2)))
+    sinking, _ = np.polyfit(time[last_half], penetration[last_half], 1).tolist()
+    vibration = _rms(rate[last_half] - sinking)
+    earlier = _rms(rate[first_half] - sinking)
     decay = 0.0
     if earlier > 0:
         decay = vibration / earlier
     noise = math.nan
     if force is not None:
-        mean = float(force[last].mean())
+        mean = float(force[last_half].mean())
         if mean > 0.0:
-            noise = float(force[last].std()) / mean
+            noise = float(force[last_half].std()) / mean
     drift = math.nan
     if along is not None:
-        drift = float(np.linalg.norm(np.polyfit(time[last], along[last], 1)[0]))
+        velocity, _ = np.polyfit(time[last_half], along[last_half], 1)
+        drift = float(np.linalg.norm(velocity))
     return Rest(
-        penetration=float(penetration[last].max()),
+        penetration=float(penetration[last_half].max()),
         sinking=sinking,
         vibration=vibration,
         decay=decay,
@@ -137,14 +139,20 @@ def rest_of(
     )
 
 
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
 def last_half(path: Floats) -> Floats:
     """Second half of a path, in which a body is taken to have calmed; along the first axis."""
     return path[len(path) // 2 :]
 
 
 def let_down(world: World) -> Rest | None:
-    """Lay a body on the plate and judge how it lies there; None without gravity,
-    or if the plate does not push.
+    """Lay a body on the plate, simulate it for 4 s or _STEPS_MAX steps, and judge how it lies in the
+    last quarter of them; None without gravity, or if the plate does not push.
+
+    DIVERGED where a number of the simulation is not finite.
     """
     if not world.gravity > 0.0:
         return None
@@ -159,6 +167,7 @@ def let_down(world: World) -> Rest | None:
                 return DIVERGED
             rows.append(part)
             left -= part.shape[1]
+    # `rest_of` judges the second half of these, and the vibration by both.
     x, v, f = map(last_half, np.concatenate(rows, axis=1))
     if not f.any():
         return None
@@ -187,7 +196,10 @@ class Quantity:
     enough: float
 
     def is_worse(self, was: float, now: float) -> bool:
-        """Say whether it, SI, grew by more than a fifth and is not small; NaN: not measured."""
+        """Say whether a value, SI, grew by more than a fifth and is not small.
+
+        was, now: NaN for what was not measured: never worse if that was so before, else worse.
+        """
         if math.isnan(was):
             return False
         return math.isnan(now) or now > max(WORSE * was, self.enough * self.si)
@@ -257,9 +269,11 @@ class Standing:
     ) -> Standing:
         """Join what was measured of a model at rest.
 
-        rest: on the level. on_slope: on a slope. hold: drift in a grasp, m/s. hop: how far a body
-        rises that is laid down as it slides, m. cost: of a step: iterations of the solver, and
-        time, s. slope: its angle, rad. falls: as in the class.
+        rest: on the level. on_slope: on a slope, of which the drift alone counts.
+        hold: drift in a grasp, m/s.
+        hop: how far a body rises that is laid down as it slides, m.
+        cost: (iterations of the solver in a step, CPU time of a step, s).
+        slope: its angle, rad. falls: whether the model falls over on the level.
         """
         return cls(
             rest.penetration,
@@ -298,6 +312,7 @@ class Standing:
             ("penetration_m", self.penetration, before.penetration, _DEPTH_STEP * timestep),
             ("vibration_m_per_s", self.vibration, before.vibration, VIBRATION_MAX),
         )
+        # `enough`: SI; up to it any value will do.
         for key, now, was, enough in limits:
             quantity = next(each for each in QUANTITIES if each.key == key)
             if quantity.is_worse(was, now) and not now <= enough:
@@ -377,8 +392,8 @@ def rests(rest: Rest) -> bool:
 
 def borne(times: float, own: float, rows: Floats) -> BorneLoad:
     """The load that a contact bears when pressed by a multiple of its force at rest, from its last
-    steps: mean force and penetration; NaN where the force is another than it should be, or does not
-    stay.
+    steps: mean force and penetration; both NaN where the force differs from `times` `own` by more
+    than a tenth, or varies (standard deviation) by more than a tenth of itself.
 
     times: the multiple. own: force at rest, N. rows: force, N, and penetration, m, of the steps,
     (n, 2).

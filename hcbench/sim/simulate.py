@@ -66,6 +66,7 @@ def _explained_errors(engine: SteppedEngine) -> AbstractContextManager[None]:
 def impacts(engine: SteppedEngine, scene: Scene, setting: Setting, launches: Launches) -> Impacts:
     """One impact for each launch, in order; one that the engine's process dies on is CRASHED.
 
+    Simulated in a process of their own for engines that need one, or compute on a device; else here.
     Raises EngineMissing where the engine is not installed, and what its `load` raises; EngineFailed
     for errors of a version that was never tried.
     """
@@ -136,6 +137,9 @@ def run_launches(
     whole = expected
 
     def run(group: Launches) -> Impacts:
+        """Impacts of a group, by whose steps the next one is planned; a plan changes how long it
+        takes, and no result.
+        """
         nonlocal first, whole
         group_impacts, taken = _run_group(world, group, first, whole)
         if expected:
@@ -150,6 +154,7 @@ def run_launches(
         return
     done = 0
     while done < len(launches):
+        # Launches whose recorded steps fit into memory.
         room = max(_ROOM // max(1, whole), math.ceil(most / _LEAST_SHARE))
         # Full groups and a rest: a world takes a step of all its places in any case.
         size = min(most, room)
@@ -201,12 +206,13 @@ def _until_ended(
     """
     after = world.speed_reading.steps_after
     rule = StopRule.for_launches(launches, world.timestep, world.gravity, world.deepest, after)
+    # Places, among all, of the b launches that have not ended.
     left = np.arange(len(launches))
     longest = 0
-    # Each of shape (3 or 11, b, n).
+    # Recorded steps of these launches, chunk by chunk; each of shape (3 or 11, b, n).
     history: list[Floats] = []
+    # Impacts of those that have ended, and their places among all.
     parts: list[Impacts] = []
-    # Places of the parts' launches among all.
     order: list[NDArray[np.int64]] = []
     steps = first
     while left.size:
@@ -228,8 +234,9 @@ def _until_ended(
         else:
             # No copy of what may be large.
             rows = history[0]
-        order.append(left[ended])
-        read = _read(world, launches.take(order[-1]), rows, counts[ended], ends[ended])
+        places = left[ended]
+        order.append(places)
+        read = _read(world, launches.take(places), rows, counts[ended], ends[ended])
         _explain(read, simulation, counts)
         parts.append(read)
         if all_ended:
@@ -242,7 +249,8 @@ def _until_ended(
     if len(parts) == 1:
         # All ended in one chunk, in order.
         return parts[0], longest
-    return Impacts.joined(parts).take(np.argsort(np.concatenate(order))), longest
+    in_order = np.argsort(np.concatenate(order))
+    return Impacts.joined(parts).take(in_order), longest
 
 
 def _read(

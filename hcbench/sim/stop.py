@@ -190,6 +190,8 @@ class StopRule:
         end = start + x.shape[1]
         acting = f != 0.0
         leaving = v < 0.0
+        # Steps, counted from the launch, (b,): of the touch, of turning back, of the end of waiting
+        # for a touch, and of the end of waiting in contact.
         self.touch = np.minimum(self.touch, _first(acting, start))
         turned = _first(leaving, start)
         waited = np.maximum(self.flight_steps - 1, start)
@@ -198,6 +200,7 @@ class StopRule:
         parted = leaving & ~acting
         parted &= x <= 0.0
         self.parted = np.minimum(self.parted, np.where(untouched, _NEVER, _first(parted, start)))
+        # With the free steps that are wanted after the parting, which later chunks may bring.
         whole = self.parted + self.after
         bad = not_finite(x, v, f)
         never = np.full(len(x), _NEVER)
@@ -215,16 +218,17 @@ class StopRule:
         steps = np.stack(list(whens.values()))
         first = steps.min(axis=0)
         ended = first < _NEVER
-        # The weightiest reason comes first.
+        # Of reasons in the same step `argmin` takes the first, which is the weightiest.
         why = np.array([*whens])[steps.argmin(axis=0)]
         return np.where(ended, first + 1, 0), np.where(ended, why, End.GOING)
 
     def _rested(self, x: Floats, v: Floats, acting: Flags) -> Whole:
         """The first step at rest of each launch, (b,); beyond every step for one that is not.
 
-        x: penetration, m, v: rate, m/s, acting: where the force acts; the coming steps, (b, n).
+        x: penetration, m; v: rate, m/s; acting: where the force acts; all of the coming steps, (b,
+        n).
         A launch rests where one of the four runs of quiet steps is long enough; two of them need
-        gravity.
+        gravity. Each run remembers its last loud step: call this once for each chunk, in order.
         """
         speed = np.abs(v)
         idle_speed = IDLE_SHARE / REST_SHARE * self.rest_speed
@@ -243,7 +247,7 @@ class StopRule:
         return _first(rested, self.steps)
 
     def keep(self, which: Flags) -> None:
-        """Watch only these from now on."""
+        """Watch only these from now on: a mask of shape (b,)."""
         for name in ("flight_steps", "rest_speed", "touch", "last_x", "parted"):
             setattr(self, name, getattr(self, name)[which])
         for run in (self.still, self.idle, self.held, self.stuck):

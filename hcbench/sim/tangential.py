@@ -28,7 +28,7 @@ _NORMAL = 1.0 - 1e-6
 
 
 def frame(deeper: Floats, along: Sequence[float] = (1.0, 0.0, 0.0)) -> Floats:
-    """Axes of a plate: unit vectors along it, across and away from it, as rows, (..., 3, 3).
+    """Axes of a plate: unit vectors along it, across and away from it, as rows; shape (..., 3, 3).
 
     deeper: unit vectors into the plate, (..., 3). along: vector whose part in the plate is the first
     axis; it may have any length, and must not be normal to the plate.

@@ -74,8 +74,8 @@ def travel_by_distance(
 def travel_by_scan(touches: Callable[[float], bool], start: float, stop: float) -> float | None:
     """The least travel from `start` to `stop`, m, that makes a contact; None where nothing touches.
 
-    For shapes whose distance is known only roughly: equal steps, then bisection. A contact within
-    one step alone is missed, and `start` itself is not looked at.
+    For shapes whose distance is known only roughly: _SCAN_STEPS equal steps, then bisection. A
+    contact that begins and ends within one step is missed, and `start` itself is not looked at.
 
     touches: moves a body by a travel, m, and returns whether the two touch there.
     """

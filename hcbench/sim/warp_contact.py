@@ -56,6 +56,7 @@ class WarpImpacts:
         contacts = {"dim": d.naconmax, "device": d.qpos.device}
         worlds = {"dim": d.nworld, "device": d.qpos.device}
         room.first_before.fill_(-1)
+        # Before the engine finds new contacts in place of the last step's.
         warp.launch(
             warp_kernels.remember,
             inputs=[found, laws, int(m.opt.cone) == _PYRAMIDAL, d.nefc, d.efc.force, room],
@@ -64,7 +65,9 @@ class WarpImpacts:
         own_filter = m.callback.contactfilter
 
         def collide(m: Any, d: Any) -> None:
-            """Let the contacts that the engine has just found collide."""
+            """Let the contacts that the engine has just found collide: kernel after kernel, each of
+            which reads what those before it left in `room`. Changes velocities and springs of d.
+            """
             if own_filter:
                 own_filter(m, d)
             room.first.fill_(-1)
@@ -94,6 +97,7 @@ class WarpImpacts:
             springs = [found, d.contact.solimp, m.opt.timestep, d.qvel, room]
             warp.launch(warp_kernels.settle, inputs=springs, **contacts)
 
+        # The engine calls it between its search for contacts and its rows.
         m.callback.contactfilter = collide
         try:
             engine_step()
@@ -110,7 +114,9 @@ class WarpImpacts:
         return values
 
     def _laws_on(self, device: Any) -> tuple[Any, Any]:
-        """(the laws on a device, their values there, (1, pairs))."""
+        """(the laws as a struct of `warp_kernels`, their values: α, s/m, or e, (1, pairs)), both in
+        arrays on a Warp device; made once a device.
+        """
         if device.alias not in self._on_device:
             import warp
 
@@ -125,11 +131,13 @@ class WarpImpacts:
         return self._on_device[device.alias]
 
     def _room(self, m: Any, d: Any) -> tuple[Any, Any, Any]:
-        """(contacts, room for the numbers of a step, rows of the inertia matrix) of these worlds.
+        """(contacts, room for the numbers of a step, rows of the inertia matrix) of these worlds, as
+        structs of `warp_kernels`; arrays of the engine's are shared, not copied.
 
-        The room also keeps the forces of these worlds' last step, and is kept until another
-        model steps them. Raises UserError for a model with another number of geoms than that of the
-        laws, SettingError for worlds that sleep, in which contacts are found in two parts.
+        m, d: the engine's model and data on a device.
+        The room also keeps the forces of these worlds' last step, and is kept until another model
+        steps them. Raises UserError for a model with another number of geoms than that of the laws,
+        SettingError for worlds that sleep, in which contacts are found in two parts.
         """
         geoms = len(self._laws.pair_of)
         if m.ngeom != geoms:
@@ -145,15 +153,19 @@ class WarpImpacts:
 
         found = warp_kernels.Found()
         contact = d.contact
-        found.count, found.world, found.geom, found.mark = (
-            d.nacon,
-            contact.worldid,
-            contact.geom,
-            contact.type,
-        )
-        found.dim, found.dist, found.margin = contact.dim, contact.dist, contact.includemargin
-        found.pos, found.frame, found.solref = contact.pos, contact.frame, contact.solref
-        found.row, found.place = contact.efc_address, contact.geomcollisionid
+        found.count = d.nacon
+        found.world = contact.worldid
+        found.geom = contact.geom
+        found.place = contact.geomcollisionid
+        found.mark = contact.type
+        found.dim = contact.dim
+        found.dist = contact.dist
+        found.margin = contact.includemargin
+        found.pos = contact.pos
+        found.frame = contact.frame
+        found.solref = contact.solref
+        found.row = contact.efc_address
+        # Of the room's arrays; those that are not named here have one entry a contact.
         shapes = {
             "first": d.nworld,
             "first_before": d.nworld,
@@ -170,7 +182,9 @@ class WarpImpacts:
             array = warp.zeros(shape, dtype=kind.type.dtype, device=d.qpos.device)
             setattr(room, name, array)
         inertia = warp_kernels.Inertia()
-        inertia.count, inertia.start, inertia.column = m.M_rownnz, m.M_rowadr, m.M_colind
+        inertia.count = m.M_rownnz
+        inertia.start = m.M_rowadr
+        inertia.column = m.M_colind
         made = found, room, inertia
         # What a capture allocates is its graph's alone.
         if not d.qpos.device.is_capturing:

@@ -135,9 +135,11 @@ def remember(
     force: wp.array2d[float],
     room: Room,
 ) -> None:
-    """Keep the places and normal forces, N, of the last step's contacts.
+    """Keep the places and normal forces, N, of the last step's contacts, linked by world. A thread
+    for each contact.
 
-    rows, force: of each world's constraints, and theirs.
+    is_pyramidal: whether the friction cone is a pyramid. rows: number of each world's constraint
+    rows, (worlds,). force: of each of these rows, N, (worlds, rows).
     """
     i = wp.tid()
     if i >= found.count[0]:
@@ -181,8 +183,11 @@ def enlist(found: Found, laws: LawsThere, room: Room) -> None:
 
 @wp.func
 def _sort(room: Room, world: int) -> int:
-    """First contact of a world's list, which is then in the engine's order, not in that of
-    threads.
+    """Sort a world's list of contacts by number, in place, and return the first of it; -1 if it is
+    empty.
+
+    Threads fill a list in any order; sums are the same bits in the engine's order alone. By
+    insertion: lists are short.
     """
     first = int(-1)
     i = room.first[world]
@@ -206,8 +211,9 @@ def factor(inertia: Inertia, M: wp.array2d[float], room: Room) -> None:
     """Put the contacts of each world into the engine's order, and factor its inertia matrix where
     it has any: M = Lᵀ D L.
 
-    M: rows of each world's, (worlds, nC). A row's columns are the ancestors of its degree of
-    freedom, as in Featherstone 2008, table 6.3.
+    A thread for each world.
+    M: entries of each world's inertia matrix, row after row, (worlds, nC). A row's columns are the
+    ancestors of its degree of freedom, its diagonal last, as in Featherstone 2008, table 6.3.
     """
     world = wp.tid()
     if room.first[world] < 0:
@@ -232,7 +238,9 @@ def factor(inertia: Inertia, M: wp.array2d[float], room: Room) -> None:
 
 @wp.func
 def _solve(inertia: Inertia, world: int, contact: int, room: Room) -> None:
-    """Replace a contact's `moves` by M⁻¹ of them."""
+    """Replace a contact's `moves`, b, by M⁻¹ b, in place, with M = Lᵀ D L as `factor` left it: first
+    Lᵀ from the last row to the first, then D and L from the first to the last.
+    """
     size = inertia.count.shape[0]
     for back in range(size):
         k = size - 1 - back
@@ -270,6 +278,11 @@ def _force_before(found: Found, room: Room, contact: int) -> float:
 
 @wp.func
 def _restitution(laws: LawsThere, reading: int, value: float, speed: float) -> float:
+    """Coefficient of restitution, 0 to 1, of a pair at an impact speed, m/s.
+
+    reading: what `value` is: _CONSTANT for e itself, _LINEAR for α (s/m) of e = 1 - α v, else α of
+    the law, whose e is read from a table over α v, in even steps of its logarithm.
+    """
     if reading == _CONSTANT:
         return wp.clamp(value, 0.0, 1.0)
     number = value * speed
@@ -277,6 +290,7 @@ def _restitution(laws: LawsThere, reading: int, value: float, speed: float) -> f
         return wp.clamp(1.0 - number, 0.0, 1.0)
     if number <= _LEAST_NUMBER:
         return 1.0
+    # Point 0 of the table is α v = 0; the even steps begin with point 1.
     place = wp.log(number / _LEAST_NUMBER) * _POINTS_PER_E_FOLD
     point = wp.min(int(place), _POINTS - 2)
     share = wp.min(place - float(point), 1.0)
@@ -297,9 +311,13 @@ def _parting(
 
     Steps that move by the new velocity keep U² = (v + b h/2)² - 2 b x in flight, U the speed at the
     plane x = 0, b = `presses`. A contact that touched before this step has the e of v.
+
+    reading, value: the pair's law, as in `_restitution`. approach: v, m/s. depth: x, m.
+    presses: acceleration that presses the two together, m/s². timestep: h, s.
     """
     half = presses * timestep / 2.0
     speed = approach + half
+    # No deeper than one step's way: it touched within the last step. The margin is for float32.
     if depth <= timestep * approach * (1.0 + 1e-5):
         lift = 2.0 * presses * depth
         at_plane = wp.sqrt(wp.max(speed * speed - lift, 0.0))
@@ -312,9 +330,11 @@ def _parting(
 def _weight(
     normal: wp.vec3, gravity: wp.vec3, body1: int, body2: int, body_weldid: wp.array[int]
 ) -> float:
-    """Acceleration, m/s², of the weight of either body alone against the other.
+    """Acceleration, m/s², by which gravity alone presses one of two bodies against the other: the
+    larger of both, 0 or more.
 
-    normal: from the first body to the second.
+    normal: from the first body to the second, unit vector. gravity: m/s². body_weldid: 0 for bodies
+    that are fixed to the world, whose weight presses nothing.
     """
     along = wp.dot(normal, gravity)
     weight = float(0.0)
@@ -335,7 +355,14 @@ def span(
     cdof: wp.array2d[wp.spatial_vector],
     room: Room,
 ) -> None:
-    """Find the rates along the axes of each contact's frame that each velocity makes."""
+    """Find the rates along the axes of each contact's frame that each velocity makes: its Jacobian,
+    into `room.rows` and, to be divided by the inertia, into `room.moves`.
+
+    A thread for each contact and velocity. geom_bodyid, body_rootid: body of each geom, and root of
+    each body's tree. body_isdofancestor: whether a velocity moves a body, (bodies, nv).
+    subtree_com: m, (worlds, bodies). cdof: motion of each velocity about the centre of mass of its
+    tree, angular then linear, (worlds, nv).
+    """
     i, v = wp.tid()
     if i >= found.count[0]:
         return
@@ -371,9 +398,12 @@ def aim(
     qfrc_smooth: wp.array2d[float],
     room: Room,
 ) -> None:
-    """Find how each contact moves, what loads it, and the rate at which it shall part.
+    """Find how each contact moves, what loads it, and the rate at which it shall part: its `rate`,
+    `own`, `target`, `calm` and `load` in `room`. A thread for each contact.
 
-    values: α (s/m) or e of each pair, (worlds or 1, pairs). qacc, qfrc_smooth: of the step before.
+    values: α (s/m) or e of each pair, (worlds or 1, pairs). timesteps, s, and gravities, m/s²: of
+    each world, or one for all. qvel: velocities, (worlds, nv). qacc, qfrc_smooth: accelerations and
+    forces of all but constraints, of the step before.
     """
     i = wp.tid()
     if i >= found.count[0]:
@@ -385,6 +415,8 @@ def aim(
     timestep = timesteps[world % timesteps.shape[0]]
     size = inertia.count.shape[0]
     _solve(inertia, world, i, room)
+    # Rates along the contact's axes, m/s; rates that its own impulses make, 1/kg; accelerations of
+    # the normal, m/s², by smooth forces alone (together above 0) and in all (apart above 0).
     rate = wp.vec3(0.0)
     own = wp.mat33(0.0)
     pushed = float(0.0)
@@ -406,6 +438,7 @@ def aim(
     body2 = geom_bodyid[found.geom[i][1]]
     weight = _weight(normal, gravity, body1, body2, body_weldid)
     load = wp.max(wp.max(presses, weight), others)
+    # Without a load only what does not move at all is calm: 1 nm/s.
     calm = _STILL * timestep * load + 1e-9
     value = values[world % values.shape[0], law]
     depth = found.margin[i] - found.dist[i]
@@ -424,7 +457,9 @@ def aim(
 
 @wp.func
 def _rate_of_change(room: Room, world: int, i: int, lane: int) -> wp.vec3:
-    """Rates that the change of the velocities makes at contact i, m/s, by all lanes of a block."""
+    """Rates that the change of the velocities makes at contact i, m/s: the same in every lane of the
+    block, of which each adds up its share of the velocities.
+    """
     part = wp.vec3(0.0)
     for v in range(lane, room.change.shape[1], wp.block_dim()):
         part += room.rows[i, v] * room.change[world, v]
@@ -437,8 +472,8 @@ def _impulse_of(
 ) -> wp.vec3:
     """Impulse, N s, that the law of contact i asks for, while those of the others stay.
 
-    impulse: its last one. change: of its rates by all impulses so far, m/s. friction: along its
-    tangents.
+    impulse: its last one. change: of its rates by all impulses so far, m/s. friction: coefficients
+    along its two tangents; 0 for none. Components: normal, then tangents.
     """
     own = room.own[i]
     rate = room.rate[i] + change
@@ -457,9 +492,11 @@ def _impulse_of(
 
 @wp.func
 def _share(room: Room, world: int, lane: int) -> float:
-    """Share of the impulses that adds no energy, by all lanes of a block.
+    """Share of the impulses of a world, 0 to 1, that adds no energy: the same in every lane of the
+    block.
 
-    Their work is p.(u before + u after)/2, which is 0 at most.
+    The work of impulses p s is s p.(u + s du/2), with u the rates before them and du their change:
+    it is 0 at most up to s = -2 p.u / p.du.
     """
     before = float(0.0)
     between = float(0.0)
@@ -537,10 +574,14 @@ def settle(
     qvel: wp.array2d[float],
     room: Room,
 ) -> None:
-    """Silence the contacts that part, and let those that rest not bounce by their spring.
+    """Silence the contacts that part, and let those that rest not bounce by their spring: changes
+    `dist` and `solref` of `found`, which `restore` puts back. A thread for each contact.
 
     The spring is that of the model, with the damping that makes it critical at least. It gives
     depth back no faster than what counts as rest, but bears its load.
+
+    solimp: impedance of each contact, the first number at no depth. timesteps: s, of each world or
+    one for all. qvel: velocities after the impulses, (worlds, nv).
     """
     i = wp.tid()
     if i >= found.count[0] or room.law[i] < 0:
@@ -551,8 +592,11 @@ def settle(
     for v in range(room.change.shape[1]):
         rate += room.rows[i, v][0] * qvel[world, v]
     if rate > room.calm[i]:
+        # A metre apart: the engine's solver gives it no force.
         found.dist[i] = found.margin[i] + 1.0
         return
+    # MJCF's solref is (-stiffness, -damping) per unit mass, 1/s² and 1/s, or, where it is above 0,
+    # (time constant s, damping ratio); MuJoCo takes two steps at least for the time constant.
     solref = room.solref[i]
     stiffness = -solref[0]
     damping = -solref[1]
@@ -561,8 +605,11 @@ def settle(
         ratio = wp.max(solref[1], 1e-3)
         stiffness = 1.0 / (constant * ratio * constant * ratio)
         damping = 2.0 / constant
+    # Up to this stiffness the critical damping, 2 sqrt(k), is at most 1/h, which stops the contact
+    # in one step.
     stiffness = wp.min(stiffness, 0.25 / (timestep * timestep))
     damping = wp.clamp(damping, 2.0 * wp.sqrt(stiffness), 1.0 / timestep)
+    # An impedance d gives way to (1 - d)/d of the load; 1e-4 is the least d that MuJoCo takes.
     lets_by = 1.0 / wp.max(solimp[i][0], 1e-4) - 1.0
     load = room.load[i]
     most = wp.max(_RISE * _STILL * timestep * damping, _BEARS * lets_by) * load

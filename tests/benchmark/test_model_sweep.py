@@ -250,6 +250,13 @@ def test_a_grid_has_every_row_and_a_draw_has_each_once() -> None:
     assert (some != rows_of(grid, 5, 2)).any()
 
 
+def test_a_grid_that_is_too_large_to_number_is_refused_with_the_way_to_draw() -> None:
+    grid = read_parameters([f"{name}=1:1000:1000" for name in "abcdefg"])
+    with pytest.raises(UserError, match=r"vary: a grid of 1e\+21 rows; .*NAME=LOW:HIGH"):
+        rows_of(grid, 5, 0)
+    assert rows_of(grid[:6], 5, 0).shape == (5, 6)
+
+
 def test_a_draw_of_bands_is_even_and_begins_with_a_shorter_one() -> None:
     bands = read_parameters(["a=0.3:1", "b=-1e5:-1e3 log", "c=1, 2"])
     rows = rows_of(bands, 4000, 7)

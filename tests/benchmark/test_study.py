@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from machines import other_kernels
 
 from hcbench.benchmark.plan import file_digest, make_plan
-from hcbench.benchmark.results import RUN_KEY, Results
+from hcbench.benchmark.results import RUN_KEY, ImpactTable, Results
 from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import Study, find_study, load_study, name_of, study_from
 from hcbench.recipes.target import default_band
@@ -326,3 +326,27 @@ def test_files_that_name_each_other_in_a_circle_have_a_digest(tmp_path: Path) ->
     before = file_digest(first)
     second.write_text('<mujoco><include file="first.xml"/><!-- changed --></mujoco>')
     assert file_digest(first) != before
+
+
+@pytest.mark.parametrize(
+    ("speeds", "unit"),
+    [
+        ("4, 16 in/s", "in/s"),
+        ("16in/s", "in/s"),
+        (["4 inch/s"], "in/s"),
+        ("3, 12 m/min", "m/s"),
+        ([0.1, 0.2], "m/s"),
+    ],
+)
+def test_a_page_shows_inches_where_the_study_states_its_speeds_in_them(
+    speeds: object, unit: str
+) -> None:
+    run = {"engine": "reference", "recipe": "hunt-crossley", "timesteps": "1 us"}
+    content = {"scene": "steel-plane", "alphas": "0.008 s/in", "speeds": speeds, "run": [run]}
+    assert study_from(content).speed_unit == unit
+
+
+def test_a_table_of_no_settings_has_its_columns_and_no_impacts(results: Results) -> None:
+    none = ImpactTable.of(results.impacts, results.study).only([])
+    assert len(none) == len(none.frame) == 0
+    assert list(none.frame.columns) == list(results.impacts.columns)

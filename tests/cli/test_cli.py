@@ -235,3 +235,10 @@ def test_measure_and_check_a_model_of_ones_own(
     assert run(["check", str(bad), *gate]) == 1
     assert "solref" in capsys.readouterr().out
     assert run(["check", str(tmp_path / "none.xml"), *gate]) == 2
+
+
+def test_part_0_of_another_study_than_reality_is_refused(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run(["report", "steel-1lb", "--part", "0"]) == 2
+    assert "--part: given without what it belongs to" in capsys.readouterr().err

@@ -37,6 +37,17 @@ def test_a_section_is_printed_alone(capsys: pytest.CaptureFixture[str]) -> None:
     assert "one of: gravity" in capsys.readouterr().err
 
 
+def test_a_comment_in_code_does_not_end_a_section(capsys: pytest.CaptureFixture[str]) -> None:
+    page = (ROOT / "docs/howto/plugin-pybullet.md").read_text(encoding="utf-8")
+    before_code = page[: page.index("\n# ")]
+    title = re.findall(r"^#+ (.+)$", before_code, re.MULTILINE)[-1]
+    anchor = re.sub(r"[^\w-]", "", title.lower().replace(" ", "-"))
+    assert run(["docs", f"howto/plugin-pybullet#{anchor}"]) == 0
+    section = capsys.readouterr().out
+    assert "\n# " in section
+    assert section.count("```") % 2 == 0
+
+
 def test_an_unknown_page_is_answered_by_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["docs", "howto/tone"]) == 2
     assert "howto/tune" in capsys.readouterr().err

@@ -12,17 +12,19 @@ import sys
 import time
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
 import toy_engine
+from packaging.requirements import Requirement
 
 from hcbench import environments, load_scene, workers
 from hcbench.benchmark.run import run_study
 from hcbench.benchmark.study import study_from
 from hcbench.cli import run
 from hcbench.laws import closed_form
-from hcbench.sim import install, registry
+from hcbench.sim import entry_points, install, registry
 from hcbench.sim.capabilities import opener
 from hcbench.sim.model_under_test import Request
 from hcbench.system.errors import EngineMissing, UserError
@@ -358,3 +360,29 @@ def test_an_environment_of_another_hcbench_is_said_to_be_one(
     assert run(["engines", "remove", "toy"]) == 0
     assert not list(empty.iterdir())
     assert run(["engines", "remove", "toy"]) == 2
+
+
+@pytest.mark.parametrize(
+    "marker",
+    [
+        "{python} and {extra}",
+        "({python}) and ({extra})",
+        "{extra} and {python}",
+        "({python} and {extra})",
+    ],
+)
+def test_a_requirement_of_an_engines_extra_keeps_its_other_condition(
+    marker: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However the tool that built the adapter's package writes the two."""
+    for python, holds in (("python_version >= '3.9'", True), ("python_version < '3.9'", False)):
+        condition = marker.format(python=python, extra='extra == "toy"')
+        dist = SimpleNamespace(name="toy-adapter", requires=[f"lib>=1; {condition}"])
+        entry = SimpleNamespace(dist=dist)
+        monkeypatch.setattr(entry_points, "entry_point", lambda _, entry=entry: entry)
+        backend = registry.engine("toy").backend
+        assert backend is not None
+        (line,) = [line for line in install.requirements("toy", backend, "") if "lib" in line]
+        needed = Requirement(line).marker
+        assert needed is not None
+        assert needed.evaluate() is holds

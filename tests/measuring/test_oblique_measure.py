@@ -16,6 +16,7 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.measuring import measure
 from hcbench.measuring.text import as_record, as_text
 from hcbench.recipes.target import Target
+from hcbench.reporting.measurement_page import measurement_page
 from hcbench.sim import registry
 from hcbench.system.errors import QuantityError, UserError
 from hcbench.terms.impact import Launch
@@ -49,6 +50,18 @@ def model(plate: str = "", joint: str = "<freejoint/>", condim: int = 3) -> str:
         f'<pair geom1="ball" geom2="plate" condim="{condim}" friction=".5 .5"'
         f' solref="{solref}" solimp="{solimp}"/></contact></mujoco>'
     )
+
+
+def test_the_page_of_several_angles_shows_what_the_model_asks_for_at_each() -> None:
+    measured = measure(
+        model(), "ball,plate", diagnose=False, speeds=[0.3, 1.1], angle="0, 30 deg", gravity=0
+    )
+    assert len(measured.curve) == 2 * len(measured.facts.asked)
+    page = measurement_page(measured)
+    for asked in measured.facts.asked:
+        assert page.count(f'<td class="number">{asked:.4f}</td>') >= 2
+    for angle in ("0", "30"):
+        assert page.count(f'</th><td class="number">{angle}</td>') == 2
 
 
 def test_benchmark_and_measure_agree_obliquely() -> None:

@@ -5,6 +5,7 @@ every engine that opens URDFs.
 from __future__ import annotations
 
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -82,6 +83,15 @@ def robot(tmp_path: Path) -> Path:
     return file
 
 
+def plane_in(folder: Path) -> Path:
+    """A file with a plane to put a robot beside."""
+    plane = folder / "plane.sdf"
+    box = "<geometry><box><size>9 9 1</size></box></geometry>"
+    link = f'<link name="plane"><collision name="plane">{box}</collision></link>'
+    plane.write_text(f'<sdf version="1.6"><model name="p"><static>1</static>{link}</model></sdf>')
+    return plane
+
+
 def test_a_package_is_looked_for_above_the_file_unless_it_is_given(
     robot: Path, tmp_path: Path
 ) -> None:
@@ -98,13 +108,28 @@ def test_a_package_is_looked_for_above_the_file_unless_it_is_given(
 def test_an_engine_opens_what_the_packages_name(engine: str, robot: Path, tmp_path: Path) -> None:
     if engine == "drake":
         pytest.importorskip("pydrake")
-    plane = tmp_path / "plane.sdf"
-    box = "<geometry><box><size>9 9 1</size></box></geometry>"
-    link = f'<link name="plane"><collision name="plane">{box}</collision></link>'
-    plane.write_text(f'<sdf version="1.6"><model name="p"><static>1</static>{link}</model></sdf>')
-    source = str(robot) if engine == "mujoco" else (str(robot), str(plane))
+    source = str(robot) if engine == "mujoco" else (str(robot), str(plane_in(tmp_path)))
     request = make_request(None, package={"tools": str(tmp_path / "elsewhere")})
     pairs = list_pairs(Job(source, engine, request, None, 0.02, diagnose=False))
+    assert "hand" in str([(pair.bodies, pair.geoms) for pair in pairs])
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+def test_a_folder_may_have_a_name_that_xml_escapes(
+    engine: str, robot: Path, tmp_path: Path
+) -> None:
+    work = tmp_path / "R&D's"
+    (tmp_path / "ws").rename(work)
+    (work / "src/arms/meshes/cube.obj").rename(work / "src/arms/meshes/b & c.obj")
+    file = work / "src/arms/urdf/arm.urdf"
+    text = file.read_text().replace("tools", "arms").replace("cube.obj", "b &amp; c.obj")
+    file.write_text(text)
+    assert folders_of(file, ()) == {"arms": work / "src/arms"}
+    root = ElementTree.fromstring(with_absolute_files(file, ()))
+    names = [mesh.get("filename") for mesh in root.iter("mesh")]
+    assert names == 2 * [str(work / "src/arms/meshes/b & c.obj")]
+    source = str(file) if engine == "mujoco" else (str(file), str(plane_in(tmp_path)))
+    pairs = list_pairs(Job(source, engine, make_request(None), None, 0.02, diagnose=False))
     assert "hand" in str([(pair.bodies, pair.geoms) for pair in pairs])
 
 
