@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 # of 45 degrees a fall takes 1.4 times as long, within the time for which a touch is waited.
 _STEEP = math.cos(math.radians(45.5))
 # Share of a drop that a base must fall without contact: what servos or springs hold falls less.
-_FALLS = 0.5
+_FALLS = 0.9
 # Names of trees that a note lists, at most.
 _SHOWN = 5
 _PAIRS = "pairs of one tree, which can fall, with what stands still"
