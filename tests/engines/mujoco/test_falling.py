@@ -94,10 +94,14 @@ def test_what_is_held_does_not_fall(text: str, words: str) -> None:
         base(text)
 
 
-def test_a_slide_that_ends_below_the_drop_is_named() -> None:
-    rail = RAIL.format("0 0 1", 'limited="true" range="-.5 .05"')
-    with pytest.raises(UserError, match=r"the slide 'rail' at .* m, -0\.5 \.\.\. 0\.05 m"):
-        hb.land(mjcf(rail), heights="20 cm")
+def test_a_slide_is_lengthened_for_the_drop_and_has_to_reach_the_floor() -> None:
+    ends = 'limited="true" range="{0} .05"'
+    short, long = (mjcf(RAIL.format("0 0 1", ends.format(low))) for low in (-0.1, -0.5))
+    with pytest.raises(UserError, match=r"the slide 'rail', -0\.1 \.\.\. 0\.05 m"):
+        hb.land(short, heights="20 cm")
+    own, endless = (hb.land(text, heights="40 cm").drops[0] for text in (long, mjcf(VERTICAL)))
+    assert own.speed_in == pytest.approx(endless.speed_in, abs=1e-9)
+    assert own.peak == pytest.approx(endless.peak, rel=1e-6)
 
 
 @pytest.mark.parametrize("root", [VERTICAL, PLANAR, RAIL.format(".5 0 .87", "")])
