@@ -390,6 +390,8 @@ def _ends(point: CurvePoint) -> str:
 
 # The landing of a robot before and after.
 
+# Energy gain over m g h from which no contact is worth a search before the step is smaller.
+_LIVELY = 0.05
 # The output names the chance in a rebound that varies over the phases by more of itself.
 _WIDE = 0.25
 _DROPS = "from 2, 5 and 10 cm at 4 phases of the step"
@@ -489,9 +491,12 @@ def landing_sentences(change: LandingChange) -> list[str]:
             )
         sentences += _stiffer(change)
     if change.worse or change.reach is not None:
-        sentences += change.advice or [
-            f"A smaller step, such as {time_step(before.robot.timestep / 4)} s, may help."
-        ]
+        smaller = f"a smaller step, such as {time_step(before.robot.timestep / 4)} s"
+        if before.gain > _LIVELY:
+            gained = f"The robot as it is gains {before.gain:.2g} times m g h as it lands"
+            sentences += [f"{gained}: first take {smaller}.", *change.advice]
+        else:
+            sentences += change.advice or [f"{smaller.capitalize()}, may help."]
     else:
         sentences += change.advice
     return sentences

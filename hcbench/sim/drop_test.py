@@ -158,7 +158,8 @@ class DroppedRobot:
         # Never, if it still moves in the last two steps.
         rest = math.inf if last_moving >= count - 2 else (last_moving + 1 - touch) * h
         about_mean = velocity - velocity.mean(0)
-        sink = -float(np.median(motion.distance[tail]))
+        # Not -float(...): -0.0 would print with a sign.
+        sink = 0.0 - float(np.median(motion.distance[tail]))
         # The first step in which the floor pushes begins below the touch, by up to the way of a step.
         at_touch = float(height[touch]) - min(float(motion.distance[touch]), 0.0)
         lowered = at_touch - float(np.median(height[tail]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from contextlib import suppress
 from pathlib import Path
@@ -118,3 +119,21 @@ def test_gravity_of_three_numbers_needs_commas() -> None:
     with pytest.raises(QuantityError, match=r"commas between the three: '0, 0, -9\.81'"):
         make_request(gravity="0 0 -9.81")
     assert make_request(gravity="0, 0, -9.81").gravity == (0.0, 0.0, -9.81)
+
+
+def test_a_foot_above_its_floor_by_rounding_has_a_mass_and_is_the_first_pair() -> None:
+    """Nearest points 1e-16 m apart had no direction, and the next line named a hull that cannot land."""
+    foot = '<geom name="foot" pos="0 0 -.25" size=".05" mass=".3"/>'
+    hull = '<geom name="hull" type="box" size=".1 .05 .05" mass="3"/>'
+    body = f'<body pos="0 0 .3000000000000001"><freejoint/>{hull}{foot}</body>'
+    floor = '<geom name="floor" type="plane" size="2 2 .1"/>'
+    listed = hb.pairs(f"<mujoco><worldbody>{floor}{body}</worldbody></mujoco>")
+    assert 0.0 < listed[0].distance < 1e-15
+    assert listed[0].pair == "foot,floor"
+    assert math.isfinite(listed[0].effective_mass)
+
+
+def test_a_plugin_that_is_not_there_is_installed_by_the_named_command() -> None:
+    text = '<mujoco><extension><plugin plugin="hcbench.unknown"/></extension></mujoco>'
+    with pytest.raises(SceneError, match="`hcbench plugin mujoco --install`"):
+        hb.pairs(text)

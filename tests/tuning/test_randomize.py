@@ -174,7 +174,20 @@ def test_friction_is_set_but_not_measured_where_joints_keep_a_pair_from_sliding(
     assert worlds.parameters["pair_friction"][:, 0, 0] == pytest.approx(worlds.friction)
     assert not len(worlds.friction_errors)
     assert not worlds.failures
-    assert "its μ is set as drawn, but not measured" in worlds.notes[-1]
+    assert "keep it from sliding: its μ is set as drawn, but not measured" in worlds.notes[-1]
+
+
+def test_friction_that_stops_each_launch_is_said_and_is_no_other_distribution(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What stopped before it left was put down to joints, or refused as "not uniform"."""
+    monkeypatch.setattr("hcbench.tuning.randomize._KEPT_SLIP", 1.0)
+    worlds = hb.randomize(
+        model(), "ball,floor", restitution=BAND, friction=RUBS, worlds=40, speeds="1 m/s"
+    )
+    assert not len(worlds.friction_errors)
+    assert not worlds.failures
+    assert "friction stops it before it leaves" in worlds.notes[-1]
 
 
 def test_a_robot_that_falls_over_by_itself_has_no_drift_to_compare() -> None:

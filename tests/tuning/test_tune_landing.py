@@ -393,3 +393,38 @@ def test_a_worse_landing_is_printed_with_its_lines_and_not_written(
     assert "<pair geom1=" in captured.out
     assert "landing: the robot lands worse with it: largest penetration" in captured.err
     assert not out.exists()
+
+
+# A trunk on a rail, over a foot on a spring: no actuator drives it.
+SPRUNG = """<mujoco><option timestep="2e-3"/><worldbody><geom name="floor" type="plane" size="2 2 .1"/>
+<body name="trunk" pos="0 0 .6"><joint type="slide" axis="0 0 1"/>
+ <geom type="box" size=".1 .05 .05" mass="3"/>
+ <body pos="0 0 -.1"><joint type="slide" axis="0 0 1" range="-.2 .2" stiffness="800" damping="12"/>
+  <geom name="foot" type="sphere" pos="0 0 -.25" size=".02" mass=".4"/></body></body>
+</worldbody></mujoco>"""
+
+
+def test_a_hopper_on_springs_is_judged_as_it_lands(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """A foot that stops made it land with three times the force, and was written."""
+    (tmp_path / "hopper.xml").write_text(SPRUNG)
+    out = tmp_path / "tuned.xml"
+    asked = ["tune", str(tmp_path / "hopper.xml"), "--pair", "foot,floor", "--restitution", "0"]
+    assert run([*asked, "--write-model", str(out)]) == 1
+    said = capsys.readouterr()
+    assert "landing of the robot, worst of 12 drops" in said.out
+    assert "rebound from 10 cm, mm, mean of 4 flat" in said.out
+    assert "the smallest rebound without a worse landing is" in said.err
+    assert not out.exists()
+
+
+def test_a_setting_with_which_a_launch_gains_energy_is_not_written() -> None:
+    found = hb.tune_model(QUADRUPED.with_name("good.xml"), "ball,plate", restitution=0.9)
+    assert found.gains
+    (pair,) = found.pairs
+    lively = dataclasses.replace(
+        found, name="lively", pairs=(dataclasses.replace(pair, highest=1.01),)
+    )
+    assert not lively.gains
+    assert lively.no_gain == "e up to 1.01 with 'lively': it gains energy"

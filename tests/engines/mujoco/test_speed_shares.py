@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from hcbench.engines.mujoco.model.speed_shares import NAMES, PASSIVE, SpeedShares
+from hcbench.engines.mujoco.model.speed_shares import ADHESION, NAMES, PASSIVE, SpeedShares
 from hcbench.sim.model_under_test import WEIGHT
 
 H, DRAG = 1e-3, 0.2  # s, N s/m
@@ -32,3 +32,17 @@ def test_weight_adds_to_the_approach_of_a_falling_ball_and_damping_takes_from_it
     assert [taken[name] for name in NAMES if name not in (WEIGHT, PASSIVE)] == [0.0] * (
         len(NAMES) - 2
     )
+
+
+@pytest.mark.skipif(not hasattr(mujoco.MjModel, "flg_adhesion"), reason="an older MuJoCo")
+def test_the_pull_of_a_contact_is_not_that_of_springs_or_damping() -> None:
+    """It adds F h / m to the approach in a step."""
+    pulled = '<geom type="plane" size="1 1 1" adhesion="3"/><body pos="0 0 .099">'
+    model = mujoco.MjModel.from_xml_string(BALL.replace('<body pos="0 0 1">', pulled))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    shares = SpeedShares(model, np.array([2, 1], dtype=np.int8))
+    shares.add(0, data, np.array([-1.0]), others=False)
+    taken = shares.taken(1)
+    assert taken[ADHESION] == pytest.approx(-3.0 / 0.5 * H)
+    assert taken[PASSIVE] == pytest.approx(0.0, abs=1e-12)

@@ -186,11 +186,10 @@ class ModelDropBench(DropBench):
         data.mocap_pos[:] = self._start.mocap_pos
         data.mocap_quat[:] = self._start.mocap_quat
         self.base.tilt(model, data, TILT_AXIS, drop.tilt)
-        self.base.lift(model, data, self._over_floor.way_up(data, self.base.rise))
-        self.base.require_room(model, data)
+        to_touch = self._over_floor.way_up(data, self.base.rise)
         speed_at_touch = math.sqrt(2.0 * self.gravity * drop.height)
-        self.base.lift(model, data, drop.height + speed_at_touch * self.timestep * drop.phase)
-        self.base.require_room(model, data)
+        for_phase = speed_at_touch * self.timestep * drop.phase
+        self.base.release(model, data, to_touch, drop.height + for_phase)
         mujoco.mj_forward(model, data)
         kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
         state = np.zeros(mujoco.mj_stateSize(model, kind))

@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 # of 45 degrees a fall takes 1.4 times as long, within the time for which a touch is waited.
 _STEEP = math.cos(math.radians(45.5))
 # Share of a drop that a base must fall without contact: what servos or springs hold falls less.
-_FALLS = 0.5
+_FALLS = 0.9
+# A slide is lengthened by this beyond what a drop needs, m.
+_ROOM = 1.0
 # Names of trees that a note lists, at most.
 _SHOWN = 5
 _PAIRS = "pairs of one tree, which can fall, with what stands still"
@@ -56,22 +58,34 @@ class Base:
         """Raise the tree in the pose of `data` by a height, m; below 0 to lower it."""
         backend().mj_integratePos(model, data.qpos, self.rise, height)
 
-    def require_room(self, model: Any, data: Any) -> None:
-        """Raise UserError for a pose that is beyond the limits of the slide by which the tree falls.
+    def release(self, model: Any, data: Any, to_touch: float, height: float) -> None:
+        """Raise the tree in the pose of `data` from its touch with the floor to a height, m.
 
-        data: MjData with the pose.
+        to_touch: way up to the touch, m. A slide that ends below the release is lengthened in the
+        model, and stays so: only the landing is of interest. Raises UserError where the slide does
+        not reach the floor.
+        """
+        self.lift(model, data, to_touch)
+        if self.slide is not None and self._beyond_slide(model, data):
+            low, high = model.jnt_range[self.slide].tolist()
+            got = f"the slide {joint_name(model, self.slide)!r}, {low:.3g} ... {high:.3g} m"
+            raise UserError("model", got, "a slide that lets the robot down to the floor")
+        self.lift(model, data, height)
+        beyond = self._beyond_slide(model, data)
+        if beyond:
+            end = 1 if beyond > 0.0 else 0
+            model.jnt_range[self.slide, end] += beyond + math.copysign(_ROOM, beyond)
+
+    def _beyond_slide(self, model: Any, data: Any) -> float:
+        """Way by which the pose of `data` is beyond the limits of the slide, m, below 0 at the lower
+        one; 0 within them, and without limits.
         """
         slide = self.slide
         if slide is None or not model.jnt_limited[slide]:
-            return
-        low, high = model.jnt_range[slide].tolist()
+            return 0.0
         position = float(data.qpos[int(model.jnt_qposadr[slide])])
-        if low - MOVED <= position <= high + MOVED:
-            return
-        got = f"the slide {joint_name(model, slide)!r} at {position:.3g} m, {low:.3g} ... {high:.3g} m"
-        raise UserError(
-            "model", got, "a slide whose range has the floor and the height of the drop"
-        )
+        beyond = position - float(np.clip(position, *model.jnt_range[slide]))
+        return beyond if abs(beyond) > MOVED else 0.0
 
     def tilt(self, model: Any, data: Any, axis: tuple[float, float, float], angle: float) -> None:
         """Turn the tree in the pose of `data` by an angle, rad; nothing for a base that cannot turn.

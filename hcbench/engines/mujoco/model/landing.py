@@ -201,11 +201,9 @@ class _Bench:
         if tilt and self.base.turns_by is None:
             raise UserError("tilt", f"the base {self.over_floor.name!r} cannot turn", "0")
         self.base.tilt(self.model, data, _TILT_AXIS, tilt)
-        self.base.lift(self.model, data, self.over_floor.way_up(data, self.base.rise))
-        self.base.require_room(self.model, data)
+        to_touch = self.over_floor.way_up(data, self.base.rise)
         for_phase = raised_for(phase, height, self.over_floor.gravity, self.timestep)
-        self.base.lift(self.model, data, height + for_phase)
-        self.base.require_room(self.model, data)
+        self.base.release(self.model, data, to_touch, height + for_phase)
         backend().mj_forward(self.model, data)
         forget_resets(data)
         fall = self._fall(data, height, drive)
