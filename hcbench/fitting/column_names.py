@@ -82,6 +82,7 @@ _OF_TEXTS = (
     *("gravity", "tilt", "camera", "track", "throw", "left out", "moving plate"),
     *("support", "moving", "shaker", "driven ball"),
     *("stairs", "other motion", "rolled off", "begun anew", "each"),
+    *("joins", "rose", "let go"),
 )
 # Roles: the meanings that a name must have, and those that it may have besides.
 _EVENTS = {"touch", "bounce"}
