@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from hcbench.fitting.separators import Row
 
 _CLOCK = r"\d+(?::\d+){1,3}(?:[.,]\d+)?"
-_PLAIN = r"[-+]?(?:\d+(?:[.,]\d+)?|\.\d+)(?:[eEdD][-+]?\d+)?"
+_PLAIN = r"[-+]?(?:\d+[ -]\d+/(?:2|4|8|16|32|64)\b|\d+(?:[.,]\d+)?|\.\d+)(?:[eEdD][-+]?\d+)?"
 _STAMP = r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:[.,]\d+)?"
 _NUMBER = re.compile(rf"(?<![\w.^])(?:{_STAMP}|{_CLOCK}|{_PLAIN})(?![\w.]*\d|[^\W\d]+\s*=)")
 # The day before a clock's time, which stays: "[12/03/24, 10:14:07]", "11-14 10:15:02.911".
