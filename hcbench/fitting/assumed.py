@@ -33,7 +33,7 @@ _SURE = 6
 _LEAST_SHARE = 0.3
 _ROUGH = 0.05
 # Meanings of names that tell no quantity.
-_OPEN = {"touch", "bounce", "number", *map(str, range(10))}
+_OPEN = {"touch", "bounce", "number", "total", *map(str, range(10))}
 # Quantities of a single column that a user may name.
 _ASKED = {"times": "time", "heights": "position"}
 # Roles beside which a column in a unit of force is not taken for the force.
@@ -90,13 +90,16 @@ class _SortedColumns:
 
     def of_unit(self, quantity: str) -> list[int]:
         """Places of the unknown columns in a unit of a quantity."""
-        unit_of = self.table.unit_of
-        return [i for i in self.unknown if is_unit_of(unit_of(i, quantity), quantity)]
+        return [i for i in self.unknown if self.is_in(i, quantity)]
+
+    def is_in(self, place: int, quantity: str) -> bool:
+        """Say whether a column has a unit of a quantity."""
+        return is_unit_of(self.table.unit_of(place, quantity), quantity)
 
     def clocks(self) -> list[int]:
         """Places of the columns that may be a time."""
-        by_unit = self.of_unit("time")
-        return self.of_role("time") or [*by_unit, *([] if self.known else self.bare)]
+        bare = [i for i in self.bare if not self.is_in(i, "position")]
+        return self.of_role("time") or [*self.of_unit("time"), *([] if self.known else bare)]
 
     def heights(self) -> list[int]:
         """Places of the columns that may be a height; none beside a force."""
@@ -107,7 +110,7 @@ class _SortedColumns:
 
     def in_si(self, place: int, quantity: str) -> Floats:
         """Numbers of a column in SI; as they stand where it has no unit of the quantity."""
-        if self.table.unit_of(place, quantity):
+        if self.is_in(place, quantity):
             return self.table.in_unit(place, quantity)
         return self.table.numbers(place)
 
@@ -188,7 +191,8 @@ def _taken_as(columns: _SortedColumns, asked: str) -> dict[int, str]:
 
     asked: a key of _ASKED. Times that fall all the way are intervals.
     """
-    alone = columns.of_unit(_ASKED[asked])
+    quantity = _ASKED[asked]
+    alone = [i for i in (*columns.unknown, *columns.bare) if columns.is_in(i, quantity)]
     if len(alone) != 1:
         return {}
     role = asked.removesuffix("s")

@@ -53,6 +53,7 @@ DATA_KINDS: dict[frozenset[str], str] = {
     frozenset({"speed", "squared"}): "pairs",
     frozenset({"speed_in", "squared"}): "pairs",
     frozenset({"height_in", "restitution"}): "pairs",
+    frozenset({"height_in", "squared"}): "pairs",
     frozenset({"time"}): "times",
     frozenset({"interval"}): "times",
     frozenset({"height"}): "heights",
@@ -82,6 +83,7 @@ _OF_TEXTS = (
     *("gravity", "tilt", "camera", "track", "throw", "left out", "moving plate"),
     *("support", "moving", "shaker", "driven ball"),
     *("stairs", "other motion", "rolled off", "begun anew", "each"),
+    *("joins", "rose", "let go"),
 )
 # Roles: the meanings that a name must have, and those that it may have besides.
 _EVENTS = {"touch", "bounce"}
@@ -134,7 +136,6 @@ _BY_QUANTITY = {
     ("touch", "time"): "time",
     ("bounce", "time"): "time",
     ("after", "force"): "force",
-    ("x", "position"): "penetration",
     ("penetration", "time"): "interval",
 }
 # Columns that say nothing of the bounces, where a name has these meanings alone. Any other column
@@ -432,6 +433,9 @@ def _role_of_meanings(found: set[str], unit: str) -> str:
     if "restitution" in found and is_unit_of(unit, "energy"):
         # "E before [mJ]"
         found = found - {"restitution"} | {"energy"}
+    if unit == "%" and found & {"height", "energy"}:
+        # "rebound height (% of the drop)"
+        found = found | {"ratio"}
     digits = {meaning for meaning in found if meaning.isdigit()}
     # "rebound height, trial 1"
     found = found - digits - ({"trial"} if digits else set())
@@ -598,6 +602,8 @@ def plain_unit(text: str) -> str:
     if scaled := _with_prefix(text):
         return scaled
     text = text.strip().strip("[](){}").strip()
+    # "% of the drop"
+    text = re.sub(r"^%\s*(?:of|from|von|vom|de|du|del|della|do|da)\b.*", "%", text)
     known = _unit_words()
     # "cm." at the end of a sentence, or as an abbreviation.
     bare = text.rstrip(".")
@@ -669,26 +675,31 @@ def explained(name: str, header: Sequence[tuple[str, str]]) -> Iterator[None]:
 
 def _read_as(header: Sequence[tuple[str, str]]) -> str:
     """Sentence on how hcbench read the columns: "Read: 'time [s]' as time in s, 'foo' as nothing"."""
-    shown = []
-    for name, unit in header[:_MOST_SHOWN]:
-        role = role_of(name, unit)
-        cell = f"{name[:_LETTERS]} [{unit}]" if unit else name[:_LETTERS]
-        meaning = "nothing"
-        bare = role.removeprefix("u_")
-        if bare in QUANTITY_OF:
-            meaning = _EXAMPLES[bare][0].partition(" [")[0]
-            if role != bare:
-                meaning = f"uncertainty of {meaning}"
-            if units.QUANTITIES[QUANTITY_OF[bare]].unit:
-                meaning += f" in {unit}" if unit else " without a unit"
-        elif role or is_beside(name):
-            meaning = "a number of rows"
-            if not role and not meanings_of(name) & {"number", "trial"}:
-                meaning = "no data"
-        shown.append(f"{cell!r} as {meaning}")
+    if header and not any(name for name, _ in header):
+        return f"Read: {len(header)} column{'s' * (len(header) > 1)} without a name"
+    shown = [_as_read(name, unit) for name, unit in header[:_MOST_SHOWN]]
     if len(header) > _MOST_SHOWN:
         shown.append(f"and {len(header) - _MOST_SHOWN} more")
     return f"Read: {', '.join(shown)}" if shown else ""
+
+
+def _as_read(name: str, unit: str) -> str:
+    """A column and what it was taken for, in words: "'time [s]' as time in s"."""
+    role = role_of(name, unit)
+    cell = f"{name[:_LETTERS]} [{unit}]" if unit else name[:_LETTERS]
+    bare = role.removeprefix("u_")
+    meaning = "nothing"
+    if bare in QUANTITY_OF:
+        meaning = _EXAMPLES[bare][0].partition(" [")[0]
+        if role != bare:
+            meaning = f"uncertainty of {meaning}"
+        if units.QUANTITIES[QUANTITY_OF[bare]].unit:
+            meaning += f" in {unit}" if unit else " without a unit"
+    elif role or is_beside(name):
+        meaning = "a number of rows"
+        if not role and not meanings_of(name) & {"number", "trial"}:
+            meaning = "no data"
+    return f"{cell!r} as {meaning}"
 
 
 def _lines_that_are_read(header: Sequence[tuple[str, str]]) -> str:

@@ -30,6 +30,7 @@ from hcbench.fitting.column_names import (
     split_header,
     tells_drops_apart,
 )
+from hcbench.fitting.prose import rows_of_prose
 from hcbench.fitting.separators import listed_names
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
     from hcbench.fitting.separators import Row
 
 _CLOCK = r"\d+(?::\d+){1,3}(?:[.,]\d+)?"
-_PLAIN = r"[-+]?(?:\d+(?:[.,]\d+)?|\.\d+)(?:[eEdD][-+]?\d+)?"
+_PLAIN = r"[-+]?(?:\d+[ -]\d+/(?:2|4|8|16|32|64)\b|\d+(?:[.,]\d+)?|\.\d+)(?:[eEdD][-+]?\d+)?"
 _STAMP = r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:[.,]\d+)?"
 _NUMBER = re.compile(rf"(?<![\w.^])(?:{_STAMP}|{_CLOCK}|{_PLAIN})(?![\w.]*\d|[^\W\d]+\s*=)")
 # The day before a clock's time, which stays: "[12/03/24, 10:14:07]", "11-14 10:15:02.911".
@@ -133,7 +134,7 @@ def rows_in_text(text: str) -> tuple[Row, ...]:
         return ()
     found = max(_of_labels(lines), _of_records(lines), _of_lists(text), key=_Columns.known)
     if not any(found.known()):
-        return ()
+        return rows_of_prose(text)
     return (*found.before, (found.rows[0][0], found.names), *found.rows)
 
 
@@ -302,6 +303,9 @@ def _named(lines: Sequence[str]) -> Iterator[list[_Named]]:
             is_changed = meanings_of(places[0][2]) & CHANGES
             words = words if role_of(words) else of_clocks[min(clocks.index(i), 1)]
             words = "other" if is_changed else words
+        elif counts([line[i][1] for line in parted]) and meanings_of(words) <= {"?"}:
+            # "Ben: 1st bounce 62 cm"
+            words = "number"
         elif meanings_of(words) or not name:
             name = words
         else:

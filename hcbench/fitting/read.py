@@ -213,27 +213,26 @@ def _require_all_read(
 
 
 def _different(found: list[Dataset]) -> list[Dataset]:
-    """Data sets without those that another one has whole: phyphox writes a stopwatch's first times
+    """Data sets without times that another one has whole: phyphox writes a stopwatch's first times
     into several sheets.
     """
-    kept: list[Dataset] = []
-    for data in sorted(found, key=lambda one: -len(one.pairs()[0])):
-        same = (other for other in kept if type(other) is type(data))
-        if not any(_begins_with(other, data) for other in same):
+    times = [data for data in found if isinstance(data, TouchTimes)]
+    kept: list[TouchTimes] = []
+    for data in sorted(times, key=lambda one: -len(one.times)):
+        if not any(_begins_with(other, data) for other in kept):
             kept.append(data)
     # By identity: data sets hold arrays, which have no one answer to ==.
-    return [data for data in found if any(data is one for one in kept)]
+    return [
+        data
+        for data in found
+        if not isinstance(data, TouchTimes) or any(data is one for one in kept)
+    ]
 
 
-def _begins_with(longer: Dataset, data: Dataset) -> bool:
-    """Say whether one data set has the impacts of another as its first ones."""
-    speeds, es = longer.pairs()
-    of_data = data.pairs()
-    count = len(of_data[0])
-    return bool(
-        np.allclose(speeds[:count], of_data[0], rtol=1e-6)
-        and np.allclose(es[:count], of_data[1], rtol=1e-6)
-    )
+def _begins_with(longer: TouchTimes, data: TouchTimes) -> bool:
+    """Say whether one data set has the flights of another as its first ones."""
+    flights = np.diff(data.times)
+    return bool(np.allclose(np.diff(longer.times)[: len(flights)], flights, rtol=1e-6))
 
 
 def _understood(table: Table, asked: str | None) -> tuple[DataColumns, str]:

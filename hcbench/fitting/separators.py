@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 # A row: its number in the file, and its cells.
 Row = tuple[int, tuple[str, ...]]
 
-# "" stands for one column.
-_BLANKS = r"\s+"
+# "" stands for one column. The blank of "43 3/4" stands in a number.
+_BLANKS = r"(?<!\d)\s+|\s+(?!\d+/(?:2|4|8|16|32|64)\b)"
 _WIDE_BLANKS = r"\s{2,}"
 # Likelier ones first: they win where two part the lines equally well.
 _SEPARATORS = ("\t", ";", "|", "&", ",", _WIDE_BLANKS, _BLANKS, "")

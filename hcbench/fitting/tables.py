@@ -284,6 +284,10 @@ def _header(
     listed = names_in_brackets([", ".join(row) for row in rows], width)
     if at is None:
         listed = listed_names([" ".join(row) for row in rows], width)
+    if at is None and not listed and near:
+        # "inches" alone
+        written = _padded(rows[near[-1]], body, width)
+        return tuple(("", plain_unit(unit)) for unit in written), rows
     if listed or at is None:
         return tuple(map(split_header, listed or [""] * width)), rows
     # "Height (cm)", merged over "Trial 1", "Trial 2", ...
