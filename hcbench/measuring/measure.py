@@ -230,10 +230,14 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
 
 
 def begin_measuring(models: Sequence[str], engine: Any) -> None:
-    """Let a worker process import what measuring these files takes, while its parent reads on.
+    """Let a worker process of a command import what measuring these files takes, as a copy of this
+    process, which reads on. No files, a TOML file and a name that is no file begin nothing.
 
     engine: name of one, or None. An error is not raised here, but where the model is opened.
     """
+    first = Path(models[0] if models else "")
+    if not first.is_file() or first.suffix.lower() == ".toml" or "@" in str(engine):
+        return
     # The error is raised again where the model is needed.
     with suppress(HcbenchError):
         opener = _engine_for(_as_files(tuple(models)), engine)
