@@ -43,7 +43,7 @@ def tune_model(
     from hcbench.tuning import ask
     from hcbench.tuning.answer import MAX_ERROR
 
-    begin_measuring(models, given["engine"])
+    begin_measuring(models, None)
     limit = MAX_ERROR if max_error is None else max_error
     files: dict[str, Any] = {"write_model": write_model, "write_include": write_include}
     value = None if alpha is None else alpha[0]
