@@ -18,6 +18,8 @@ FRICTION = "friction in joints"
 ACTUATORS = "actuators"
 PASSIVE = "springs and damping of joints"
 NAMES = (CONTACT, OTHERS, LIMITS, EQUALITIES, FRICTION, ACTUATORS, PASSIVE, WEIGHT)
+# So many steps are kept one by one: to sum them takes as long as to take ten.
+_MANY = 1000
 
 
 def has_more_than_contacts(model: Any) -> bool:
@@ -112,7 +114,9 @@ class SpeedShares:
         return dict(zip(NAMES, self._sum(bisect_left(self._at, steps)).tolist(), strict=True))
 
     def settle(self) -> None:
-        """Keep the sums of the steps until now, and not the steps."""
+        """Keep the sums of the steps until now, and not the steps, once these are many."""
+        if len(self._at) < _MANY:
+            return
         self._taken = self._sum(len(self._at))
         self._clear()
 
