@@ -545,7 +545,7 @@ def flights_of(opened: OpenedModel, launches: Sequence[Launch]) -> list[MujocoFl
 
     Raises UserError for a launch that the joints cannot make.
     """
-    space = LaunchWorkspace.of(opened)
+    space = LaunchWorkspace.of(opened, opened.stepped)
     kind: Callable[[OpenedModel, Launch, LaunchWorkspace], MujocoFlight] = MujocoFlight
     if _is_plain(opened, launches, space) and _library() is not None:
         kind = functools.partial(CompiledFlight, pair=PairInC(opened))
@@ -725,7 +725,8 @@ def simulation_of(
     after: steps to take once the two have parted; None: all that are asked for. Raises UserError for
     a launch that the joints cannot make.
     """
-    flights = flights_of(opened, launches)
+    # Each look at one of `Launches` makes it, and checks it, again.
+    flights = flights_of(opened, list(launches))
     compiled = [flight for flight in flights if isinstance(flight, CompiledFlight)]
     if compiled:
         return CompiledSimulation(opened, compiled, after)
