@@ -637,12 +637,12 @@ class CompiledFlight(MujocoFlight):
     def _begin_reading(self) -> None:
         """Read nothing: the loop in C does."""
 
-    def read_on(self, read: Floats, parts: Floats, counted: NDArray[np.int64]) -> None:
+    def read_on(self, read: Floats, parts: Floats, is_counted: NDArray[np.uint8]) -> None:
         """Note the touch in steps that C has taken, and keep what each cause added to the approach,
         from the first step with a force on.
 
         read: penetration (m), rate (m/s) and force (N) of each step, (n, 3). parts: accelerations
-        of the approach by each of NAMES, m/s², (n, causes), of the steps that `counted` names.
+        of the approach by each of NAMES, m/s², (n, causes), known where `is_counted`, (n,).
         """
         steps = self._launch.steps
         begin = steps - len(read)
@@ -650,11 +650,12 @@ class CompiledFlight(MujocoFlight):
         self._touched = first_force >= 0
         if self._causes is None:
             return
+        counted = np.flatnonzero(is_counted)
         if first_force >= begin:
             self._causes.forget()
             self._touch_speed = float(read[first_force - begin, 1])
             counted = counted[counted >= first_force - begin]
-        self._causes.keep((begin + counted).tolist(), parts[counted].tolist())
+        self._causes.keep((begin + counted).tolist(), parts[counted])
 
     def _touched_until(self, steps: int) -> set[int]:
         """Geoms that touched the two in the first `steps` steps."""
@@ -710,7 +711,7 @@ class CompiledSimulation(Flights[CompiledFlight]):
             raise EngineFailed("mujoco", "no memory for a step", "a model that fits into memory")
         for i, flight in enumerate(self._flights):
             n = int(taken[i])
-            flight.read_on(read[i, :n], parts[i], np.flatnonzero(is_counted[i, :n]))
+            flight.read_on(read[i, :n], parts[i], is_counted[i, :n])
         longest = int(taken.max())
         joined = np.ascontiguousarray(read[:, :longest].transpose(2, 0, 1))
         penetration, rate, force = joined

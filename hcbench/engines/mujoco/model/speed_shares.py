@@ -67,9 +67,9 @@ class SpeedShares:
         self._clear()
 
     def _clear(self) -> None:
-        # Numbers of the steps that are kept, and of each the accelerations, m/s².
+        # Numbers of the steps that are kept, and the accelerations of each, m/s², in parts, (n, causes).
         self._at: list[int] = []
-        self._parts: list[list[float]] = []
+        self._parts: list[Floats] = []
 
     def add(self, step: int, data: Any, row: Floats, others: bool) -> None:
         """Add to the sums what each cause changes of the approach rate in one step.
@@ -95,15 +95,15 @@ class SpeedShares:
         if others or data.ne or data.nf or data.nl:
             constraints = self._by_constraint(data, moved)
         # The bias is on the other side of the equation of motion.
-        self.keep([step], [[*constraints, actuators, passive, -bias]])
+        self.keep([step], np.array([[*constraints, actuators, passive, -bias]]))
 
-    def keep(self, steps: Sequence[int], accelerations: Sequence[list[float]]) -> None:
+    def keep(self, steps: Sequence[int], accelerations: Floats) -> None:
         """Add steps whose accelerations of the approach by each of NAMES are known.
 
-        steps: their numbers in the launch, rising. accelerations: of each, m/s².
+        steps: their numbers in the launch, rising. accelerations: of each, m/s², (n, causes).
         """
         self._at += steps
-        self._parts += accelerations
+        self._parts.append(accelerations)
 
     def taken(self, steps: int) -> dict[str, float]:
         """Speed that each cause took off the approach in the first `steps` steps, m/s, by its name.
@@ -124,7 +124,7 @@ class SpeedShares:
         """Speed that each of NAMES took in the first `entries` steps
         and in those settled before, m/s.
         """
-        parts = np.array(self._parts[:entries]).reshape(entries, len(NAMES))
+        parts = np.concatenate([np.empty((0, len(NAMES))), *self._parts])[:entries]
         # One after the other: the same bits, however many steps are added at once.
         return np.asarray(np.cumsum(np.vstack([self._taken, -self._h * parts]), axis=0)[-1])
 
