@@ -7,7 +7,7 @@ import os
 
 # MB of addresses that NumPy, an engine and their buffers take at least.
 _LEAST_MB = 480
-_GARBAGE = 100_000  # objects until Python looks for some: imports make many and leave none
+_GARBAGE = 200_000  # objects until Python looks for some: imports make many and leave none
 
 
 def _leave(number: int, frame: object) -> None:
@@ -43,6 +43,8 @@ def main() -> None:
     # in loops, in each of the worker processes, too.
     if "OMP_NUM_THREADS" not in os.environ:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Pydantic would read the entry points of all packages here, for plug-ins of its own.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     from hcbench import cli
 
     cli.main()

@@ -7,15 +7,17 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hcbench.measuring.curve import CurvePoint
 from hcbench.measuring.measurement import Measurement
-from hcbench.sim.landing import Landings
-from hcbench.sim.touch import TrajectoryTouchdowns
 from hcbench.system.errors import CannotRun, HcbenchError, LimitPassed, UserError
 from hcbench.system.text import Shown, sanitized
 from hcbench.terms import units
+
+if TYPE_CHECKING:
+    from hcbench.sim.landing import Landings
+    from hcbench.sim.touch import TrajectoryTouchdowns
 
 
 class Verdict(StrEnum):

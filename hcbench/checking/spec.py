@@ -10,18 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_type_hints
 
 from pydantic import BeforeValidator, ConfigDict, create_model, model_validator
 
-from hcbench.catalogue.find import find
 from hcbench.checking.baseline import read_pairs
 from hcbench.checking.outcome import Limit, read_limits
 from hcbench.laws.restitution import (
     MeasuredRestitution,
     RestitutionCurve,
 )
-from hcbench.measuring.landing import make_drops
 from hcbench.measuring.measurement import Wanted
 from hcbench.measuring.request import make_request, read_limit, request_for
 from hcbench.measuring.rest import RestLimits
-from hcbench.sim.landing import DropPlan
 from hcbench.sim.model_under_test import Request
 from hcbench.system.errors import UserError
 from hcbench.system.text import sanitized
@@ -41,6 +38,7 @@ from hcbench.terms.options import (
 
 if TYPE_CHECKING:
     from hcbench.checking.baseline import Baseline
+    from hcbench.sim.landing import DropPlan
 
 MAX_ERROR = 0.02
 # Largest change of e from a baseline: far above round-off, far below what can be seen.
@@ -165,7 +163,7 @@ class Check:
     engine: str | None
     limit: float | None
     limits: tuple[Limit, ...] = ()
-    drops: DropPlan | None = None
+    drops: "DropPlan | None" = None
     trajectory: Path | None = None
     rest: RestLimits | None = None
     targets: tuple[str, ...] = ()
@@ -201,6 +199,8 @@ def plan(spec: CheckSpec) -> Check:
     wanted = _wanted(options)
     known = None
     if options["material"] is not None:
+        from hcbench.catalogue.find import find
+
         known = find(options["material"])
         wanted = known.curve(options["target"])
     launch = spec.launch
@@ -270,7 +270,7 @@ def _targets(spec: CheckSpec, name: str) -> tuple[str, ...]:
     return (*given, *at_rest)
 
 
-def _limits(options: CheckOptions) -> tuple[tuple[Limit, ...], DropPlan | None]:
+def _limits(options: CheckOptions) -> "tuple[tuple[Limit, ...], DropPlan | None]":
     """Limits on landings or on a recorded motion, and how to drop the robot for the former.
 
     Without limits () and None; None for how to drop, too, where they are on a motion. Raises
@@ -297,6 +297,8 @@ def _limits(options: CheckOptions) -> tuple[tuple[Limit, ...], DropPlan | None]:
     limits = read_limits(options["require"], of_landing=not is_of_motion)
     if is_of_motion:
         return limits, None
+    from hcbench.measuring.landing import make_drops
+
     return limits, make_drops(**given)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import atexit
 import errno
+import gc
 import os
 import sys
 import warnings
@@ -85,6 +86,8 @@ def main() -> None:
         # During an import Python would end itself by the signal instead of with this code.
         atexit._run_exitfuncs()
         os._exit(code)
+    # Python looks through all objects for garbage as it ends, which takes as long as a small import.
+    gc.freeze()
     sys.exit(code)
 
 

@@ -58,22 +58,14 @@ def _spec(
     both, for neither if required, and for options without meaning.
     """
     from hcbench.checking.spec import CheckSpec
+    from hcbench.measuring.measure import begin_measuring
 
-    _begin(models, options["engine"])
+    begin_measuring(models, options["engine"])
     if python is not None and models:
         raise UserError("--python", f"given with {' '.join(models)}", "one of the two")
     if python is None and not models and required:
         raise UserError("model", "none given", "a file, two URDF files, or --python FILE:FUNCTION")
     return CheckSpec.model_validate({"model": models if python is None else (python,), **options})
-
-
-def _begin(models: tuple[str, ...], engine: object) -> None:
-    """Let a worker process import an engine while this process plans."""
-    first = Path(models[0] if models else "")
-    if first.is_file() and first.suffix.lower() != ".toml" and "@" not in str(engine):
-        from hcbench.measuring.measure import begin_measuring
-
-        begin_measuring(models, engine)
 
 
 @command()
@@ -377,11 +369,12 @@ def land(
     before and after `hcbench tune`, the drops stand side by side; two URDFs are a robot and its floor.
     """
     from hcbench.measuring.landing import as_record, as_text, land_job, make_drops
-    from hcbench.measuring.measure import Job
+    from hcbench.measuring.measure import Job, begin_measuring
     from hcbench.measuring.measurement import TOLERANCE
     from hcbench.measuring.request import make_request, read_limit
     from hcbench.system.outputs import write_output
 
+    begin_measuring(models, engine)
     if not models and python is None:
         raise UserError("model", "none given", "a file with a robot, or --python FILE:FUNCTION")
     sources: list[str | tuple[str, ...]] = [*models]

@@ -85,8 +85,10 @@ def randomize(
     Write the engine's own parameters, an array each. hcbench measures e in your model, at its step
     and mass, and launches the pair in a tenth of the worlds to certify it.
     """
+    from hcbench.measuring.measure import begin_measuring
     from hcbench.tuning.randomize import randomize as draw
 
+    begin_measuring(models, given["engine"])
     if python is not None and models:
         raise UserError("--python", f"given with {' '.join(models)}", "one of the two")
     if python is None and len(models) != 1:

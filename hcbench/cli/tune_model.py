@@ -39,9 +39,11 @@ def tune_model(
     write_include: files to write. given: other options of the command, by name.
     Raises LimitPassed where no setting helps or one is beyond a limit, after all is printed.
     """
+    from hcbench.measuring.measure import begin_measuring
     from hcbench.tuning import ask
     from hcbench.tuning.answer import MAX_ERROR
 
+    begin_measuring(models, None)
     limit = MAX_ERROR if max_error is None else max_error
     files: dict[str, Any] = {"write_model": write_model, "write_include": write_include}
     value = None if alpha is None else alpha[0]

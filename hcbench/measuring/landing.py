@@ -25,8 +25,8 @@ from hcbench.measuring.request import (
     read_named,
 )
 from hcbench.sim.capabilities import LandsRobots
-from hcbench.sim.landing import PARTED_S, WINDOW_S, DropPlan, Landing, Landings
-from hcbench.sim.touch import Touchdowns, TrajectoryTouchdowns
+from hcbench.sim.landing import WINDOW_S, DropPlan, Landing, Landings
+from hcbench.sim.touch import PARTED_S, Touchdowns, TrajectoryTouchdowns
 from hcbench.system.errors import QuantityError, UserError
 from hcbench.system.text import LONGEST_NOTE, number, sanitized, table, time_step, without_empty
 from hcbench.terms import units

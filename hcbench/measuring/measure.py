@@ -230,11 +230,15 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
 
 
 def begin_measuring(models: Sequence[str], engine: Any) -> None:
-    """Let a worker process import what measuring these files takes, while its parent reads on.
+    """Let a worker process of a command import what measuring these files takes, as a copy of this
+    process, which reads on. No files, a TOML file and a name that is no file begin nothing.
 
     models: paths. engine: name of one; None for the first that opens them. An error is not raised
     here, but where the model is opened. An engine in an environment of its own is not begun.
     """
+    first = Path(models[0] if models else "")
+    if not first.is_file() or first.suffix.lower() == ".toml" or "@" in str(engine):
+        return
     # The error is raised again where the model is needed.
     with suppress(HcbenchError):
         opener = _engine_for(_as_files(tuple(models)), engine)

@@ -13,7 +13,6 @@ from hcbench.sim.landing import (
     DROPS,
     FALLEN,
     LATE_S,
-    PARTED_S,
     REST_SPEED,
     SECONDS,
     SECONDS_TO_FALL,
@@ -23,6 +22,7 @@ from hcbench.sim.landing import (
     Robot,
     RobotDrop,
 )
+from hcbench.sim.touch import PARTED_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, get_type_hints
 
 import numpy as np
 
+from hcbench.sim.touch import PARTED_S
 from hcbench.system.text import Shown
 from hcbench.terms.records import LANDING, REBOUND, Field, record
 
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     from hcbench.terms.options import Controller
 
 
-# A foot that is off the floor for longer, s, has left it; shorter gaps are chatter.
-PARTED_S = 0.005
 # Places in a time step where the first foot touches.
 PHASES = (0.0, 0.25, 0.5, 0.75)
 # Time after the first touch, s, in which a landing is measured.

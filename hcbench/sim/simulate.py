@@ -6,7 +6,6 @@ Results are the same bits for any batch size, number of threads and length of ch
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, closing, nullcontext
 from functools import cache
 from typing import TYPE_CHECKING
@@ -147,6 +146,9 @@ def run_launches(
         return group_impacts
 
     if world.concurrent > 1 and len(launches) > most:
+        # Most commands need no threads, and their import takes as long as a launch.
+        from concurrent.futures import ThreadPoolExecutor
+
         size = even_size(len(launches), most)
         groups = [launches[i : i + size] for i in range(0, len(launches), size)]
         with ThreadPoolExecutor(world.concurrent) as pool:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from hcbench.sim.landing import PARTED_S
 from hcbench.system.errors import SceneError, UserError
 from hcbench.system.text import Shown
 from hcbench.terms.impact import Floats
@@ -25,6 +24,8 @@ if TYPE_CHECKING:
     from hcbench.terms.impact import Floats
 
 
+# A foot that is off the floor for longer, s, has left it; shorter gaps are chatter.
+PARTED_S = 0.005
 # Overlap at the start, in sizes of the smaller one, up to which the two are just moved apart.
 DEEPEST = 0.1
 # Share of a joint's motion that must be along the normal for it to launch a body.

@@ -13,7 +13,6 @@ nothing again. Functions and values cross by pickle, functions by their module's
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, Self, TypeVar
 
@@ -171,6 +170,9 @@ class WorkerPool:
 
     def __init__(self, jobs: int) -> None:
         self.jobs = max(1, min(jobs, _MOST_A_CORE * (os.cpu_count() or 1)))
+        # Commands without a pool do not wait for this import.
+        from concurrent.futures import ThreadPoolExecutor
+
         self._workers = [Worker() for _ in range(self.jobs)]
         idle = iter(self._workers)
         self.threads = ThreadPoolExecutor(self.jobs, initializer=lambda: use_own_worker(next(idle)))

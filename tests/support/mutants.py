@@ -155,7 +155,7 @@ MUTANTS = (
         ("tests/sim/test_longest_train.py",),
     ),
     Mutant(
-        "sim/landing.py",
+        "sim/touch.py",
         "PARTED_S",
         "PARTED_S = 0.005",
         "PARTED_S = 0.01",

@@ -25,8 +25,6 @@ from hcbench.engines.drake.user_model import (
 from hcbench.laws.closed_form import alpha_of
 from hcbench.laws.restitution import Restitution
 from hcbench.measuring import diagnose
-from hcbench.sim.backend import Backend
-from hcbench.sim.capabilities import OpensModels
 from hcbench.sim.model_under_test import CandidatePair, Facts, ModelUnderTest, Suspect, in_order
 from hcbench.sim.touch import overlap_notes
 from hcbench.sim.world import Record, Simulation
@@ -34,8 +32,6 @@ from hcbench.system.errors import UserError
 from hcbench.system.text import joined_names
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from hcbench.laws.restitution import RestitutionCurve
     from hcbench.sim.model_under_test import Request
     from hcbench.sim.world import Flags
@@ -365,33 +361,6 @@ class DrakeSimulation(Simulation):
 
 
 # Opening of users' models: the part of Drake's engine that loads URDF, SDF and MJCF.
-
-
-class OpensFiles(OpensModels):
-    """URDF, SDF and MJCF files that Drake loads."""
-
-    backend: Backend
-    # Seconds: Python reads a user's model after each step.
-    limit = 300.0
-    suffixes = (".urdf", ".sdf", ".xml", ".mjcf")
-
-    def accepts(self, source: Any) -> bool:
-        """Never chosen automatically: Drake supports only part of MJCF."""
-        return False
-
-    def open(
-        self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
-    ) -> ModelUnderTest:
-        """A model from URDF, SDF or MJCF files, in a discrete plant with nothing else set."""
-
-        return DrakeModel(self.backend.module("pydrake.all"), self.version(), source, request, {})
-
-    def pairs(
-        self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
-    ) -> list[CandidatePair]:
-        """Pairs of shapes that Drake collides."""
-
-        return list_pairs(self.backend.module("pydrake.all"), source, request)
 
 
 def list_pairs(drake: Any, source: Any, request: Request) -> list[CandidatePair]:

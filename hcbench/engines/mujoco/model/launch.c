@@ -1,4 +1,4 @@
-// One launch of a user's model, stepped and read: what MujocoFlight of simulation.py does in
+// Launches of a user's model, stepped and read: what MujocoFlight of simulation.py does in
 // Python for launches without RK4, plug-in or motion along the plate. Sums and products are those
 // of MuJoCo's own mju_ functions, or one after the other, in both: so both have the same bits.
 
@@ -310,27 +310,41 @@ static int take_steps(const mjModel* m, mjData* d, const Pair* pair, Launch* lau
   return steps;
 }
 
-// `take_steps`, or FATAL_ERROR where MuJoCo would end the process; `fatal_error` has its words.
-int advance(const mjModel* m, mjData* d, const Pair* pair, Launch* launch, int steps, int after,
-            double* read, double* parts, uint8_t* is_counted) {
+// `take_steps` of several launches that take turns in `d`, one after the other: each goes on from
+// its state in `states`, where the state after it is left. Arrays have a row of `steps` for each
+// launch; into `taken` go the steps that each took. Returns 0, NO_MEMORY, or FATAL_ERROR where
+// MuJoCo would end the process; `fatal_error` has its words.
+int advance(const mjModel* m, mjData* d, const Pair* pair, int count, Launch** launches,
+            mjtNum** states, int steps, int after, double* read, double* parts,
+            uint8_t* is_counted, int32_t* taken) {
   size_t nv = (size_t)m->nv;
   mjtNum* memory = malloc((7 * nv + 1) * sizeof *memory);
   if (!memory) return NO_MEMORY;
   // Static: a jump leaves local variables that changed undefined.
   static _Thread_local Work work;
+  static _Thread_local int result;
   work = (Work){memory, memory + nv, memory + 2 * nv, memory + 3 * nv, memory + 4 * nv, NULL, 0};
   jmp_buf here;
   begin_catching(&here);
-  int taken = FATAL_ERROR;
+  result = FATAL_ERROR;
   if (!setjmp(here)) {
-    taken = take_steps(m, d, pair, launch, steps, after, read, parts, is_counted, &work);
+    int least = 0;
+    for (int i = 0; i < count && least >= 0; i++) {
+      size_t row = (size_t)i * (size_t)steps;
+      mj_setState(m, d, states[i], mjSTATE_INTEGRATION);
+      taken[i] = take_steps(m, d, pair, launches[i], steps, after, read + 3 * row,
+                            parts + CAUSES * row, is_counted + row, &work);
+      if (taken[i] < least) least = taken[i];
+      mj_getState(m, d, states[i], mjSTATE_INTEGRATION);
+    }
+    result = least;
   } else {
-    taken = FATAL_ERROR;
+    result = FATAL_ERROR;
   }
   end_catching();
   free(work.of_rows);
   free(memory);
-  return taken;
+  return result;
 }
 
 // Step a free body, the only one of its model. Of each step: into `contacts` the number of contacts

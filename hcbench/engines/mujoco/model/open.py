@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 import io
 import re
 from abc import abstractmethod
@@ -120,6 +121,11 @@ class OpenedModel(ModelUnderTest):
     def fixed(self, suspects: Sequence[Suspect]) -> OpenedModel:
         """The same pair with the fixes of `suspects` made, in a copy of the model."""
 
+    @functools.cached_property
+    def stepped(self) -> Any:
+        """MjData in which launches take turns: each begins with a copy of `start` in it."""
+        return copy.copy(self.start)
+
     @property
     def step_cost(self) -> float:
         """Grows with degrees of freedom and geoms."""
@@ -142,11 +148,12 @@ class LaunchWorkspace:
     beside: WithoutContact | None
 
     @classmethod
-    def of(cls, opened: OpenedModel) -> Self:
-        """The workspace for launches of a model, in its start state; only what it needs is made."""
+    def of(cls, opened: OpenedModel, data: Any) -> Self:
+        """The workspace for launches of a model that take turns in `data`; only what they need beside
+        it is made.
+        """
         mujoco = backend()
         model = opened.model
-        data = copy.copy(opened.start)
         seen = data
         free = None
         # RK4 leaves another state than that before the step in `data`.

@@ -78,7 +78,8 @@ class LentModel(ModelUnderTest):
     def release(self, launches: Sequence[Launch]) -> LentSimulation:
         """Release a copy of the model for each launch."""
         flights = [
-            LentFlight(self._own, launch, LaunchWorkspace.of(self._own)) for launch in launches
+            LentFlight(self._own, launch, LaunchWorkspace.of(self._own, copy.copy(self._own.start)))
+            for launch in launches
         ]
         return LentSimulation(self._copies, flights)
 

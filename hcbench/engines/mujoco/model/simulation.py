@@ -168,8 +168,7 @@ class MujocoFlight:
         too. Its last step is NaN where MuJoCo reset the state. Raises EngineFailed for a fatal
         error of MuJoCo's.
         """
-        if self._causes is not None:
-            self._causes.settle()
+        self.settle()
         with captured_warnings() as warned:
             normal, tangential = self._rows(steps, after)
         self._opened.warned.extend(warned)
@@ -177,6 +176,11 @@ class MujocoFlight:
         if tangential is not None:
             tangential = tangential[:, None]
         return Record(x, v, f, tangential)
+
+    def settle(self) -> None:
+        """Keep what each cause has added to the approach until now as a sum."""
+        if self._causes is not None:
+            self._causes.settle()
 
     def _rows(self, steps: int, after: int | None) -> tuple[Floats, Floats | None]:
         """Take steps and read the pair in each: penetration (m), rate (m/s, above 0 on approach) and
@@ -463,7 +467,7 @@ class MujocoUserSimulation(Flights[MujocoFlight]):
 # MuJoCo: launches of a user's model stepped and read in C; the same bits as in Python.
 
 _SOURCE = "engines/mujoco/model/launch.c"
-# What `advance` of the library returns in place of a count of steps.
+# What functions of the library return for an error of MuJoCo's.
 _FATAL_ERROR = -1
 _CALLBACKS = ("control", "passive", "act_bias", "act_dyn", "act_gain", "contactfilter", "sensor")
 
@@ -518,8 +522,8 @@ def _library() -> ctypes.CDLL | None:
     pointer = ctypes.c_void_p
     count = ctypes.c_int
     library.advance.argtypes = [
-        *(pointer, pointer, ctypes.POINTER(_Pair), ctypes.POINTER(_Launch)),
-        *(count, count, pointer, pointer, pointer),
+        *(pointer, pointer, ctypes.POINTER(_Pair), count, pointer, pointer),
+        *(count, count, pointer, pointer, pointer, pointer),
     ]
     library.follow.argtypes = [pointer, pointer, count, pointer, pointer, pointer]
     return library
@@ -549,7 +553,7 @@ def flights_of(opened: OpenedModel, launches: Sequence[Launch]) -> list[MujocoFl
 
     Raises UserError for a launch that the joints cannot make.
     """
-    space = LaunchWorkspace.of(opened)
+    space = LaunchWorkspace.of(opened, opened.stepped)
     kind: Callable[[OpenedModel, Launch, LaunchWorkspace], MujocoFlight] = MujocoFlight
     if _is_plain(opened, launches, space) and _library() is not None:
         kind = functools.partial(CompiledFlight, pair=PairInC(opened))
@@ -611,7 +615,10 @@ class PairInC:
 
 
 class CompiledFlight(MujocoFlight):
-    """One launch of a placed pair, stepped by MuJoCo and read in C."""
+    """One launch of a placed pair, stepped by MuJoCo and read in C, by `CompiledSimulation`.
+
+    addresses: of its `_Launch` and of its state, for C. data: MjData in which it is stepped.
+    """
 
     def __init__(
         self, opened: OpenedModel, launch: Launch, space: LaunchWorkspace, pair: PairInC
@@ -623,7 +630,8 @@ class CompiledFlight(MujocoFlight):
         """
         super().__init__(opened, launch, space)
         contact = opened.place.contact
-        self._pair = pair
+        self.data = space.data
+        self.pair = pair
         self._touch_steps = np.full(self._model.ngeom, -1, dtype=np.int32)
         self._launch = _Launch(
             point=tuple(contact.point),
@@ -634,48 +642,104 @@ class CompiledFlight(MujocoFlight):
             first_touch=self._touch_steps.ctypes.data,
         )
 
+        # What `advance` of launch.c takes of it.
+        self.addresses = (ctypes.addressof(self._launch), self._state.ctypes.data)
+
     def _begin_reading(self) -> None:
         """Read nothing: the loop in C does."""
 
-    def _rows(self, steps: int, after: int | None) -> tuple[Floats, None]:
-        """Take steps in C and read the pair in each: penetration (m), rate (m/s) and force (N), (3,
-        n); and None, as nothing is read along the plate.
+    def read_on(self, read: Floats, parts: Floats, is_counted: NDArray[np.uint8]) -> None:
+        """Note the touch in steps that C has taken, and keep what each cause added to the approach,
+        from the first step with a force on.
 
-        steps: most to take. after: how many more once the two have parted; None: all. Also keeps
-        what each cause adds to the approach, from the first step with a force on. Raises MuJoCo's
-        FatalError, and EngineFailed where there is no memory for a step.
+        read: penetration (m), rate (m/s) and force (N) of each step, (n, 3). parts: accelerations
+        of the approach by each of NAMES, m/s², (n, causes), known where `is_counted`, (n,).
         """
-        library = _library()
-        assert library is not None, "flights_of takes this class only with a library"
-        begin = self._launch.steps
-        # Filled in C for each step: penetration, rate and force; what each cause added to the
-        # approach, m/s; and whether the causes of this step were read.
-        read = np.empty((steps, 3))
-        parts = np.empty((steps, len(NAMES)))
-        is_counted = np.zeros(steps, dtype=np.uint8)
-        wait = -1 if after is None else after  # C has no None: -1 is all steps
-        arrays = [array.ctypes.data for array in (read, parts, is_counted)]
-        taken = library.advance(
-            *(self._model._address, self._data._address, self._pair.fields, self._launch),
-            *(steps, wait, *arrays),
-        )
-        if taken == _FATAL_ERROR:
-            raise self._mujoco.FatalError(library.fatal_error().decode(errors="replace"))
-        if taken < 0:
-            raise EngineFailed("mujoco", "no memory for a step", "a model that fits into memory")
+        steps = self._launch.steps
+        begin = steps - len(read)
         first_force = self._launch.first_force
         self._touched = first_force >= 0
-        counted = np.flatnonzero(is_counted[:taken])
-        if self._causes is not None:
-            # The impact began in one of these steps: what slowed the approach before does not count.
-            if first_force >= begin:
-                self._causes.forget()
-                self._touch_speed = float(read[first_force - begin, 1])
-                counted = counted[counted >= first_force - begin]
-            self._causes.keep((begin + counted).tolist(), parts[counted].tolist())
-        return read[:taken].T, None
+        if self._causes is None:
+            return
+        counted = np.flatnonzero(is_counted)
+        if first_force >= begin:
+            self._causes.forget()
+            self._touch_speed = float(read[first_force - begin, 1])
+            counted = counted[counted >= first_force - begin]
+        self._causes.keep((begin + counted).tolist(), parts[counted])
 
     def _touched_until(self, steps: int) -> set[int]:
         """Geoms that touched the two in the first `steps` steps."""
         touched = (self._touch_steps >= 0) & (self._touch_steps < steps)
         return set(np.flatnonzero(touched).tolist())
+
+
+class CompiledSimulation(Flights[CompiledFlight]):
+    """Launches in one MjData, all stepped and read in one call of C.
+
+    flights: of one model under test, in one workspace, each left at its start; one or more.
+    after: steps to take once they have parted; None: all that are asked for.
+    """
+
+    def __init__(
+        self, opened: OpenedModel, flights: Sequence[CompiledFlight], after: int | None
+    ) -> None:
+        super().__init__(flights)
+        self._opened = opened
+        self._data = flights[0].data
+        self._pair = flights[0].pair
+        self._after = -1 if after is None else after
+
+    def advance(self, steps: int) -> Record:
+        """Take up to `steps` steps of each launch, one launch after the other, and record all.
+
+        Each ends some steps after the two have parted, or sooner if it turns back. Raises
+        EngineFailed for a fatal error of MuJoCo's, and where there is no memory for a step.
+        """
+        library = _library()
+        assert library is not None, "flights_of makes such launches only with a library"
+        count = len(self._flights)
+        # NaN after the end of each launch.
+        read = np.full((count, steps, 3), np.nan)
+        parts = np.empty((count, steps, len(NAMES)))
+        is_counted = np.zeros((count, steps), dtype=np.uint8)
+        taken = np.zeros(count, dtype=np.int32)
+        launches, states = zip(*(flight.addresses for flight in self._flights), strict=True)
+        pointers = ctypes.c_void_p * count
+        model = self._opened.model
+        for flight in self._flights:
+            flight.settle()
+        with captured_warnings() as warned:
+            result = library.advance(
+                *(model._address, self._data._address, self._pair.fields, count),
+                *(pointers(*launches), pointers(*states), steps, self._after),
+                *(array.ctypes.data for array in (read, parts, is_counted, taken)),
+            )
+            if result == _FATAL_ERROR:
+                raise backend().FatalError(library.fatal_error().decode(errors="replace"))
+        self._opened.warned.extend(warned)
+        if result < 0:
+            raise EngineFailed("mujoco", "no memory for a step", "a model that fits into memory")
+        for i, flight in enumerate(self._flights):
+            n = int(taken[i])
+            flight.read_on(read[i, :n], parts[i], is_counted[i, :n])
+        longest = int(taken.max())
+        joined = np.ascontiguousarray(read[:, :longest].transpose(2, 0, 1))
+        penetration, rate, force = joined
+        return Record(penetration, rate, force, whole=joined)
+
+
+def simulation_of(
+    opened: OpenedModel, launches: Sequence[Launch], after: int | None
+) -> Flights[Any]:
+    """Launches of a model under way, stepped in C where that can be.
+
+    after: steps to take once the two have parted; None: all that are asked for. Raises UserError for
+    a launch that the joints cannot make.
+    """
+    # Each look at one of `Launches` makes it, and checks it, again.
+    flights = flights_of(opened, list(launches))
+    compiled = [flight for flight in flights if isinstance(flight, CompiledFlight)]
+    if compiled:
+        return CompiledSimulation(opened, compiled, after)
+    return MujocoUserSimulation(flights, after)

@@ -20,6 +20,8 @@ PASSIVE = "springs and damping of joints"
 # A contact's own pull, against which its rows push.
 ADHESION = "adhesion of contacts"
 NAMES = (CONTACT, OTHERS, LIMITS, EQUALITIES, FRICTION, ACTUATORS, PASSIVE, ADHESION, WEIGHT)
+# So many steps are kept one by one: to sum them takes as long as to take ten.
+_MANY = 1000
 
 
 def has_more_than_contacts(model: Any) -> bool:
@@ -70,9 +72,9 @@ class SpeedShares:
         self._clear()
 
     def _clear(self) -> None:
-        # Numbers of the steps that are kept, and of each the accelerations, m/s².
+        # Numbers of the steps that are kept, and the accelerations of each, m/s², in parts, (n, causes).
         self._at: list[int] = []
-        self._parts: list[list[float]] = []
+        self._parts: list[Floats] = []
 
     def add(self, step: int, data: Any, row: Floats, others: bool) -> None:
         """Add to the sums what each cause changes of the approach rate in one step.
@@ -102,15 +104,15 @@ class SpeedShares:
         # MuJoCo counts adhesion among the passive forces. The bias is on the other side of the equation
         # of motion.
         parts = [*constraints, actuators, passive - adhesion, adhesion, -bias]
-        self.keep([step], [parts])
+        self.keep([step], np.array([parts]))
 
-    def keep(self, steps: Sequence[int], accelerations: Sequence[list[float]]) -> None:
+    def keep(self, steps: Sequence[int], accelerations: Floats) -> None:
         """Add steps whose accelerations of the approach by each of NAMES are known.
 
-        steps: their numbers in the launch, rising. accelerations: of each, m/s².
+        steps: their numbers in the launch, rising. accelerations: of each, m/s², (n, causes).
         """
         self._at += steps
-        self._parts += accelerations
+        self._parts.append(accelerations)
 
     def taken(self, steps: int) -> dict[str, float]:
         """Speed that each cause took off the approach in the first `steps` steps, m/s, by its name.
@@ -121,7 +123,9 @@ class SpeedShares:
         return dict(zip(NAMES, self._sum(bisect_left(self._at, steps)).tolist(), strict=True))
 
     def settle(self) -> None:
-        """Keep the sums of the steps until now, and not the steps."""
+        """Keep the sums of the steps until now, and not the steps, once these are many."""
+        if len(self._at) < _MANY:
+            return
         self._taken = self._sum(len(self._at))
         self._clear()
 
@@ -129,7 +133,7 @@ class SpeedShares:
         """Speed that each of NAMES took in the first `entries` steps
         and in those settled before, m/s.
         """
-        parts = np.array(self._parts[:entries]).reshape(entries, len(NAMES))
+        parts = np.concatenate([np.empty((0, len(NAMES))), *self._parts])[:entries]
         # One after the other: the same bits, however many steps are added at once.
         return np.asarray(np.cumsum(np.vstack([self._taken, -self._h * parts]), axis=0)[-1])
 

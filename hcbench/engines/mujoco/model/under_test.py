@@ -26,7 +26,7 @@ from hcbench.engines.mujoco.model.open import OpenedModel
 from hcbench.engines.mujoco.model.pair import restitution_law
 from hcbench.engines.mujoco.model.promises import broken_promise, promise_in, slow_for_plugin
 from hcbench.engines.mujoco.model.shared_model import LentModel
-from hcbench.engines.mujoco.model.simulation import MujocoUserSimulation, flights_of
+from hcbench.engines.mujoco.model.simulation import Flights, simulation_of
 from hcbench.engines.mujoco.model.standing import carried_by, rest_of_pair
 from hcbench.laws.restitution import RestitutionCurve
 from hcbench.measuring.diagnose import other_contacts
@@ -54,13 +54,13 @@ class MujocoModel(OpenedModel, LendsSteps):
     suspects.
     """
 
-    def release(self, launches: Sequence[Launch]) -> MujocoUserSimulation:
+    def release(self, launches: Sequence[Launch]) -> Flights[Any]:
         """The launches under way from their starting points."""
-        return MujocoUserSimulation(flights_of(self, launches), self.speed_reading.steps_after)
+        return simulation_of(self, launches, self.speed_reading.steps_after)
 
-    def follow(self, launch: Launch) -> MujocoUserSimulation:
+    def follow(self, launch: Launch) -> Flights[Any]:
         """One launch, stepped on after it has parted."""
-        return MujocoUserSimulation(flights_of(self, [launch]), None)
+        return simulation_of(self, [launch], None)
 
     def stepped_by(self, engine: SharedModelEngine) -> LentModel:
         """The same pair, stepped by another engine."""
