@@ -153,9 +153,10 @@ class MjxEngine(DescribesContact, SharedModelEngine):
             _compiled(law or "step = mjx.step", radius, bits, model if _OWN in law else None),
         )
         if device:
+            # Bytes: of a CPU JAX gives no limit.
             memory = (chosen.memory_stats() or {}).get("bytes_limit") or free_memory()
-            each = sum(array.nbytes for array in jax.tree.leaves(empty))
-            copies.room = batch_in(memory, _WORKING * each)
+            of_state = sum(array.nbytes for array in jax.tree.leaves(empty))
+            copies.room = batch_in(memory, _WORKING * of_state)
         return copies
 
     def require_device(self, device: str) -> None:
@@ -174,12 +175,14 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         return bool(self.backend.module("jax").config.jax_enable_x64)
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """MJX's solref for a bounce in one step."""
+        """MJX's solref for a bounce in one step, if the contact has an e and a step; with caveats."""
         e = contact.restitution
         h = contact.timestep
+        if e is None or h is None:
+            return Vocabulary(caveats=_CAVEATS)
         note = "bounces in one step; solimp 0.9 0.9 0.001 in float32"
-        rows = (SystemValue("MJX", "solref", (0.0, -(1.0 + e) / h), "", note),) if e and h else ()
-        return Vocabulary(rows, caveats=_CAVEATS)
+        value = SystemValue("MJX", "solref", (0.0, -(1.0 + e) / h), "", note)
+        return Vocabulary((value,), caveats=_CAVEATS)
 
 
 class _Functions(NamedTuple):
@@ -251,6 +254,7 @@ def _compiled(step_text: str, radius: float, bits: int, own: Any) -> _Functions:
     import jax.numpy as jnp
     from mujoco import mjx
 
+    # The lines find these names, and define `step` for one world.
     names: dict[str, Any] = {"jnp": jnp, "mjx": mjx, "R": radius, "model": own}
     exec(step_text, names)
     step = jax.vmap(names["step"], in_axes=(None, 0))
@@ -261,8 +265,10 @@ def _compiled(step_text: str, radius: float, bits: int, own: Any) -> _Functions:
         """
 
         def one(i: Any, carry: Any) -> Any:
-            data = step(model, carry[0])
-            return data, carry[1].at[i].set(jnp.concatenate([data.qpos, data.qvel], axis=1))
+            """Take step i, and record the state after it; carry: (data, path)."""
+            before, path = carry
+            data = step(model, before)
+            return data, path.at[i].set(jnp.concatenate([data.qpos, data.qvel], axis=1))
 
         path = jnp.zeros((_BUFFER, _PLACES, model.nq + model.nv), data.qpos.dtype)
         return jax.lax.fori_loop(0, steps, one, (data, path))
@@ -287,10 +293,13 @@ def _compiled(step_text: str, radius: float, bits: int, own: Any) -> _Functions:
             return ((now.end == 0).sum() > fewest) & (now.steps.max() < most)
 
         def one(carry: Any) -> Any:
-            data = step(model, carry[0])
+            """Take a step, and add it to the readings; carry: (data, reading)."""
+            before, now = carry
+            data = step(model, before)
             # The ball's free joint: its height and its velocity upwards.
-            height, rising = data.qpos[:, 2], data.qvel[:, 2]
-            return data, Reading(*add(height, rising, *rule, *carry[1]))
+            height = data.qpos[:, 2]
+            rising = data.qvel[:, 2]
+            return data, Reading(*add(height, rising, *rule, *now))
 
         return jax.lax.while_loop(goes_on, one, (data, reading))
 
@@ -337,9 +346,11 @@ _LEAST_FRICTION = 1e-3
 
 def _coarser(options: Mapping[str, Any]) -> dict[str, Any]:
     """Options with an impedance d so far below 1 that float32 resolves 1 - d."""
-    rows = [
-        {**row, "solimp": [IMPEDANCE, IMPEDANCE, *row["solimp"][2:]]} for row in options["rows"]
-    ]
+    rows = []
+    for row in options["rows"]:
+        # The first two numbers of solimp are impedances.
+        solimp = [IMPEDANCE, IMPEDANCE, *row["solimp"][2:]]
+        rows.append({**row, "solimp": solimp})
     return {**options, "rows": rows}
 
 

@@ -143,7 +143,9 @@ class LaunchWorkspace:
 
     @classmethod
     def of(cls, opened: OpenedModel) -> Self:
-        """The workspace for launches of a model, in its start state; only what it needs is made."""
+        """Make the workspace for launches of a model, in its start state; of the optional parts only
+        what the model needs: those for RK4, and for a plug-in's law that turns the pair back.
+        """
         mujoco = backend()
         model = opened.model
         data = copy.copy(opened.start)

@@ -200,7 +200,11 @@ def falling_root(model: Any, requests: Sequence[Request]) -> int:
 
 
 def _is_driven(model: Any, root: int) -> bool:
-    """Say whether an actuator moves a joint in the tree of a root body, by its number."""
+    """Say whether an actuator moves a robot: acts on a joint of its tree, or on a tendon, site or
+    body where it has joints beside its base's.
+
+    root: number of the robot's base body.
+    """
     kinds = backend().mjtTrn
     in_tree = model.body_rootid[model.jnt_bodyid] == root
     for actuator in range(model.nu):
@@ -208,7 +212,7 @@ def _is_driven(model: Any, root: int) -> bool:
         if kind in (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT)):
             if in_tree[model.actuator_trnid[actuator, 0]]:
                 return True
-        # Tendons, sites and bodies: of a tree with joints of its own beside its base.
+        # A tendon, site or body: its tree is not looked up.
         elif in_tree.sum() > 1:
             return True
     return False
