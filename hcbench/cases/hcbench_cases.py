@@ -162,15 +162,10 @@ def restitution(each: Json, states: States) -> float:
         return -1.0 if end < g * (step * h) ** 2 / 8 else 0.0
     last = rising[-1]
     up = (z[last + 1] - z[last - 1]) / (2 * h)  # velocity at step `last`, m/s
-    # The first step has none of gravity's share (explicit Euler), half (exact), or all.
-    velocity = ball["velocity"][Z]
-    gain = g * h
-    first = (z[1] - z[0]) / h - velocity
-    share = min((0.0, 0.5, 1.0), key=lambda x: abs(first - x * gain))
-    down = velocity + (share - 0.5) * gain  # of the parabola through the steps, at step 0
+    down = _launch_velocity(ball["velocity"][Z], (z[1] - z[0]) / h, g * h)
     # Both parabolas bend alike and meet once, `since` s after step `last` (below 0): where a short
     # impact was. A long one is read at the height of the touch.
-    fall = gain * last  # velocity, m/s
+    fall = g * h * last  # velocity that gravity gives until then, m/s
     since = (z[last] - z[0] - (down + fall / 2) * last * h) / (down + fall - up)
     plane = ball["radius"]
     if last + since / h > rising[0] - 3:  # they meet less than 3 steps before the rise
@@ -179,6 +174,17 @@ def restitution(each: Json, states: States) -> float:
     after = up**2 - 2 * g * (z[last] - plane)
     before = down**2 - 2 * g * (z[0] - plane)
     return math.sqrt(max(0.0, after) / before)
+
+
+def _launch_velocity(stated: float, first: float, gain: float) -> float:
+    """Velocity at step 0, m/s, of the parabola that an engine's steps follow.
+
+    stated: velocity that the engine was given. first: mean velocity in its first step. gain:
+    velocity of gravity in a step, below 0. That step has none of gravity's share (explicit Euler),
+    half (exact flight), or all (semi-implicit Euler).
+    """
+    share = min((0.0, 0.5, 1.0), key=lambda x: abs(first - stated - x * gain))
+    return stated + (share - 0.5) * gain
 
 
 def _free_rise(z: dict[int, float], fall: float, touch: float) -> list[int]:

@@ -126,18 +126,10 @@ class MjxEngine(DescribesContact, SharedModelEngine):
             raise SceneError(
                 "model", got, "a model without", "`hcbench tune mjx` puts a law into its step"
             )
-        # The number of threads must be set before MJX starts XLA.
-        if device == "cpu" and in_worker():
-            os.environ.setdefault("NPROC", _THREADS)
-        # Read before a setting says otherwise.
-        exact = self._starts_in_64_bits()
-        bits = bits or (64 if exact else 32)
+        # Before anything else: JAX starts with what is set by then.
+        bits = self._configure_jax(bits, device)
         jax = self.backend.module("jax")
         mjx = self.backend.module("mujoco.mjx")
-        jax.config.update("jax_enable_x64", bits == 64)
-        # In the user's own process the cache is the user's choice.
-        if in_worker() and not jax.config.jax_compilation_cache_dir:
-            jax.config.update("jax_compilation_cache_dir", str(user_folder("cache") / "jax"))
         chosen = self._device(device)
         try:
             on_device = mjx.put_model(model, device=chosen)
@@ -158,6 +150,26 @@ class MjxEngine(DescribesContact, SharedModelEngine):
             of_state = sum(array.nbytes for array in jax.tree.leaves(empty))
             copies.room = batch_in(memory, _WORKING * of_state)
         return copies
+
+    def _configure_jax(self, bits: int, device: str) -> int:
+        """Set the process's options of JAX, and return the bits of its numbers: the threads of a CPU,
+        the precision, and in a worker process the folder in which compiled functions are kept.
+
+        bits: 32 or 64; 0 for JAX's own. device: as of `copies`.
+        """
+        # The number of threads must be set before MJX starts XLA.
+        if device == "cpu" and in_worker():
+            os.environ.setdefault("NPROC", _THREADS)
+        # Read before a setting says otherwise.
+        starts_in_64_bits = self._starts_in_64_bits()
+        if not bits:
+            bits = 64 if starts_in_64_bits else 32
+        jax = self.backend.module("jax")
+        jax.config.update("jax_enable_x64", bits == 64)
+        # In the user's own process the cache is the user's choice.
+        if in_worker() and not jax.config.jax_compilation_cache_dir:
+            jax.config.update("jax_compilation_cache_dir", str(user_folder("cache") / "jax"))
+        return bits
 
     def require_device(self, device: str) -> None:
         """Raises CannotRun where JAX sees no such device."""
