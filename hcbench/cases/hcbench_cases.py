@@ -68,6 +68,7 @@ def _run_case(engine: Any, runs: list[Json]) -> list[Json]:
     An engine with `start` has all worlds of one batch at once, those that are alike in steps and
     shapes; any other has one world at a time. An error is that of all runs of the batch.
     """
+    # (run, its result) of the runs of each batch, by what is alike in them.
     batches: Json = {}
     results: list[Json] = []
     for number, each in enumerate(runs):
@@ -76,8 +77,9 @@ def _run_case(engine: Any, runs: list[Json]) -> list[Json]:
             world = each["world"]
             shapes = [(body["shape"], body.get("fixed")) for body in world["bodies"]]
             key = str((_last_step(each), world["timestep"], world["floor"], shapes))
-        results.append({})
-        batches.setdefault(key, []).append((each, results[-1]))
+        result: Json = {}
+        results.append(result)
+        batches.setdefault(key, []).append((each, result))
     for batch in batches.values():
         try:
             _run_batch(engine, batch)
@@ -92,6 +94,7 @@ def _run_case(engine: Any, runs: list[Json]) -> list[Json]:
 def _with_place(error: Exception) -> str:
     """An error with the adapter's line."""
     frames = [f for f in traceback.extract_tb(error.__traceback__) if "runpy" not in f.filename]
+    # The first line outside of this file is the adapter's.
     at = next((f for f in frames if f.filename != __file__), frames[-1])
     said, *_ = str(error).split("\n")
     return f"{type(error).__name__}: {said} ({Path(at.filename).name}, line {at.lineno})"
@@ -119,7 +122,9 @@ def _run_batch(engine: Any, batch: list[Any]) -> None:
     for step in range(1 + _last_step(run)):  # the same of all in a batch
         if step:
             engine.step()
-        asked = [any(a <= step <= b for a, b in each["record"]) for each, _ in made]
+        asked = []  # whether each run records this step
+        for each, _ in made:
+            asked.append(any(first <= step <= last for first, last in each["record"]))
         if not any(asked):
             continue
         worlds = engine.state() if is_batch else [engine.state()]
@@ -149,7 +154,7 @@ def restitution(each: Json, states: States) -> float:
     h = each["world"]["timestep"]  # s
     *_, g = each["world"]["gravity"]  # m/s², below 0
     ball, *_ = each["world"]["bodies"]
-    z = {step: body[Z] for step, body, *_ in states}  # m
+    z = {step: body[Z] for step, body, *_ in states}  # height by step, m
     rising = _free_rise(z, g * h**2, ball["radius"])
     if not rising:
         *_, (step, end) = z.items()
@@ -157,22 +162,29 @@ def restitution(each: Json, states: States) -> float:
         return -1.0 if end < g * (step * h) ** 2 / 8 else 0.0
     last = rising[-1]
     up = (z[last + 1] - z[last - 1]) / (2 * h)  # velocity at step `last`, m/s
-    # The first step has none of gravity's share (explicit Euler), half (exact), or all.
-    velocity = ball["velocity"][Z]
-    gain = g * h
-    first = (z[1] - z[0]) / h - velocity
-    share = min((0.0, 0.5, 1.0), key=lambda x: abs(first - x * gain))
-    down = velocity + (share - 0.5) * gain  # of the parabola through the steps, at step 0
+    down = _launch_velocity(ball["velocity"][Z], (z[1] - z[0]) / h, g * h)
     # Both parabolas bend alike and meet once, `since` s after step `last` (below 0): where a short
     # impact was. A long one is read at the height of the touch.
-    fall = gain * last  # velocity, m/s
+    fall = g * h * last  # velocity that gravity gives until then, m/s
     since = (z[last] - z[0] - (down + fall / 2) * last * h) / (down + fall - up)
     plane = ball["radius"]
-    if last + since / h > rising[0] - 3:
+    if last + since / h > rising[0] - 3:  # they meet less than 3 steps before the rise
         plane = z[last] + (up + g * since / 2) * since
+    # Squared speeds at that height, by the energy of free flight, m²/s².
     after = up**2 - 2 * g * (z[last] - plane)
     before = down**2 - 2 * g * (z[0] - plane)
     return math.sqrt(max(0.0, after) / before)
+
+
+def _launch_velocity(stated: float, first: float, gain: float) -> float:
+    """Velocity at step 0, m/s, of the parabola that an engine's steps follow.
+
+    stated: velocity that the engine was given. first: mean velocity in its first step. gain:
+    velocity of gravity in a step, below 0. That step has none of gravity's share (explicit Euler),
+    half (exact flight), or all (semi-implicit Euler).
+    """
+    share = min((0.0, 0.5, 1.0), key=lambda x: abs(first - stated - x * gain))
+    return stated + (share - 0.5) * gain
 
 
 def _free_rise(z: dict[int, float], fall: float, touch: float) -> list[int]:
@@ -211,12 +223,13 @@ def height_share(each: Json, states: States) -> Any:
 
 
 def drift(each: Json, states: States) -> Any:
-    """Mean speed of the body that moved farthest, m/s."""
-    last = _last(each, states)
-    start, *before = last[0]
-    end, *after = last[-1]
+    """Mean speed of the body that moved farthest in the last span of steps that is recorded, m/s."""
+    span = _last(each, states)
+    first_step, *before = span[0]
+    last_step, *after = span[-1]
+    # A body's state begins with its place, x y z.
     moved = max(math.dist(a[:3], b[:3]) for a, b in zip(before, after, strict=True))
-    return moved / ((end - start) * each["world"]["timestep"])
+    return moved / ((last_step - first_step) * each["world"]["timestep"])
 
 
 def vibration(each: Json, states: States) -> float:
@@ -305,8 +318,8 @@ def _judge(case: Json, done: list[Json], combine: Any) -> Json:
     done: results of the case's runs, in order, as `_run_case` makes them. combine: name of the
     engine's rule for two restitutions, None without one.
     """
-    worst: Json = {}
-    off: Json = {}  # largest error, by quantity
+    worst: Json = {}  # [measured, true, run] of the largest error, by quantity
+    off: Json = {}  # that error
     word, why = "pass", ""
     try:
         for number, (each, result) in enumerate(zip(case["runs"], done, strict=True)):
@@ -412,6 +425,7 @@ def run_apart(
         asked.write_text(json.dumps(cases), "utf-8")
         own = map(str, (adapter, variant, lines))
         done = start([__file__, *own, f"--cases={asked}", f"--limit={limit}"])
+        # Results of no case, which name the engine; then those of each case that it came to.
         parts = [json.loads(line) for line in lines.read_text("utf-8").splitlines()]
     said = done.stderr.strip()
     why = f"ended with {done.returncode}: {' '.join(said.split())[-200:]}"
@@ -457,9 +471,10 @@ def _run_every(asked: Any, cases: Json, known: Json) -> int:
 
     known: expected failures, {engine: {case: reason}}. Returns the exit code, see `main`.
     """
-    failures = made = 0
+    failures = 0
+    made = 0  # cases for which there was an engine
     done: list[list[Json]] = []  # of each engine the results of its cases
-    suites = []
+    suites = []  # of each engine its part of the JUnit file
     for variant in range(len(runpy.run_path(str(asked.adapter))["ENGINES"])):
         done.append([])
         suites.append("")

@@ -191,6 +191,7 @@ def every_speed_and_phase() -> Iterator[Json]:
 )
 def slow_impacts() -> Iterator[Json]:
     """Slow impacts bounce too."""
+    # From 4 g h on: what gravity gives in a step, g h, is a quarter of that speed.
     for h, times, quarter in product(STEPS, (4, 8, 16), range(4)):
         yield fall(h, times * GRAVITY * h, quarter / 4, 0.8)
 
@@ -202,16 +203,14 @@ def slow_impacts() -> Iterator[Json]:
 )
 def hundred_bounces() -> Iterator[Json]:
     """Restitution 1 keeps the height for 100 bounces."""
-    h = 1 / 240
-    height = 0.1
-    period = 2 * math.sqrt(2 * height / GRAVITY) / h
+    h = 1 / 240  # s
+    height = 0.1  # m
+    period = 2 * math.sqrt(2 * height / GRAVITY) / h  # of a bounce, in steps
     last = round(100 * period)
     start = ball((0, 0, RADIUS + height))
-    yield run(
-        world(h, [start], 1.0, GRAVITY),
-        [(0, 0), (last - round(1.2 * period), last)],
-        height_share=1.0,
-    )
+    # The start, and a little more than the last bounce, in which it is highest once.
+    record = [(0, 0), (last - round(1.2 * period), last)]
+    yield run(world(h, [start], 1.0, GRAVITY), record, height_share=1.0)
 
 
 @case(
@@ -278,10 +277,11 @@ def oblique_run(
     m/s, by the names of the quantities.
     """
     speed = math.hypot(*v)
-    start = ball(
-        (0, 0, radius - (CLEAR + 0.4) * v[2] * h), v, radius=radius, spin=[0.0, rim / radius, 0.0]
-    )
+    # It touches within the third step.
+    height = radius - (CLEAR + 0.4) * v[2] * h
+    start = ball((0, 0, height), v, radius=radius, spin=[0.0, rim / radius, 0.0])
     last = 3 + round(AFTER / h / 5)
+    # The quantities are shares of the first speed.
     expected = {}
     for name, values in out.items():
         expected[name] = [x / speed for x in values]
@@ -298,12 +298,14 @@ def oblique_run(
 )
 def alumina_on_glass() -> Iterator[Json]:
     """Alumina meets glass as it was measured."""
+    e = 0.98
     for degrees, tangential in ALUMINA:
         angle = math.radians(degrees)
         x = 3.9 * math.sin(angle)
         z = -3.9 * math.cos(angle)
-        out = [tangential * x, 0.0, -0.98 * z]
-        yield oblique_run(2e-4, [x, 0.0, z], 0.0, 0.98, 0.092, 0.0025, velocity=out)
+        out = [tangential * x, 0.0, -e * z]
+        # In steps of 0.2 ms, without spin; μ = 0.092, and a radius of 2.5 mm.
+        yield oblique_run(2e-4, [x, 0.0, z], 0.0, e, 0.092, 0.0025, velocity=out)
 
 
 @case(
@@ -313,7 +315,9 @@ def alumina_on_glass() -> Iterator[Json]:
 )
 def two_balls() -> Iterator[Json]:
     """A ball hits one at rest."""
+    # Steps, s; masses, kg; and phases of a step, in quarters.
     for h, (m1, m2), quarter in product((1 / 240, 1 / 1000), ((1, 1), (1, 3), (3, 1)), range(4)):
+        # m: at 1 m/s it is closed within the third or fourth step.
         gap = (CLEAR + quarter / 4) * h
         bodies = [
             ball((0, 0, 0), (1, 0, 0), mass=float(m1)),
@@ -321,7 +325,10 @@ def two_balls() -> Iterator[Json]:
         ]
         e = 0.9
         last = 3 + round(AFTER / h)
-        out = [(m1 - e * m2) / (m1 + m2), 0.0, 0.0, (1 + e) * m1 / (m1 + m2), 0.0, 0.0]
+        # Velocities after, of the one that moved and of the other, along the line of the two.
+        first = (m1 - e * m2) / (m1 + m2)
+        second = (1 + e) * m1 / (m1 + m2)
+        out = [first, 0.0, 0.0, second, 0.0, 0.0]
         yield run(world(h, bodies, e, floor=False), [(last, last)], velocity=out)
 
 
@@ -335,7 +342,9 @@ def box_on_a_smaller_box() -> Iterator[Json]:
     """A box with restitution 1 on a smaller box neither turns nor gains speed."""
     for h, quarter in product((1 / 240, 1 / 1000), range(4)):
         lower = box((0.05,) * 3, (0, 0, 0.05), fixed=True)
-        upper = box((0.1, 0.1, 0.05), (0, 0, 0.15 + (CLEAR + quarter / 4) * h), (0, 0, -1))
+        # At 1 m/s, from where it touches within the third or fourth step.
+        height = 0.15 + (CLEAR + quarter / 4) * h
+        upper = box((0.1, 0.1, 0.05), (0, 0, height), (0, 0, -1))
         last = 3 + round(AFTER / h)
         yield run(
             world(h, [upper, lower], 1.0),
@@ -411,7 +420,9 @@ def cradle() -> Iterator[Json]:
         for i, speed in enumerate((1, 0, 0, 0, 0)):
             x = i * (2 * RADIUS + 0.02)
             bodies.append(ball((x, 0, 0), (speed, 0, 0)))
+        # After 1 s: four gaps of 0.02 m take 0.08 s at 1 m/s.
         last = round(1 / h)
+        # Velocities of four balls at rest, then that of the last one.
         out = [0.0] * 12 + [1.0, 0.0, 0.0]
         yield run(world(h, bodies, 1.0, floor=False), [(last, last)], velocity=out)
 
@@ -519,7 +530,10 @@ def text(only: Sequence[str] = ()) -> str:
 
 
 def _shared(parts: Sequence[Json]) -> Json:
-    """Keys and values that are alike in all parts, one or more."""
+    """Keys and values that are alike in all parts.
+
+    parts: worlds or bodies of a case's runs, one or more.
+    """
     first, *others = parts
     alike = dict(first)
     for other in others:
@@ -547,7 +561,11 @@ def _without(whole: Json, shared: Json) -> Json:
 
 
 def _rounded(value: Any) -> Any:
-    """The value with its numbers to seven digits, far below any tolerance."""
+    """Data for JSON with its numbers to seven digits, far below any tolerance; whole numbers in lists
+    become integers.
+
+    value: a dict, a list, a number, or anything else, which stays as it is.
+    """
     if isinstance(value, dict):
         return {key: _rounded(each) for key, each in value.items()}
     if isinstance(value, list):

@@ -135,7 +135,9 @@ def validated(content: Any, kind: Literal["results", "scores"], source: str) -> 
         return _adapter(kind).validate_python(content)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
+        # Keys and indices that lead to what is wrong; the first four tell the run.
         place = ".".join(map(str, first["loc"][:4])) or "all of it"
+        # Within a state Pydantic's own words would be of unions: the state is shown instead.
         if "states" in first["loc"][:-1]:
             row = first["loc"].index("states") + 1
             state = reduce(getitem, first["loc"][: row + 1], content)
@@ -160,7 +162,8 @@ def fields() -> Iterator[tuple[str, str, str, str, str]]:
 
 
 def type_name(each: dict[str, Any], named: Callable[[str], str] = str) -> str:
-    """The type of a field of a JSON Schema, in words such as "list of number".
+    """The type of a field of a JSON Schema, in words such as "list of number"; "any" for a field that
+    states none.
 
     each: the field's part of the schema. named: writes the name of a record that the field refers
     to.

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 from hcbench.cases.hcbench_cases import (
     CASES,
     LIMIT,
+    VZ,
     Json,
     joined,
     judge,
@@ -197,7 +198,9 @@ def read_scores(path: Path, only: Sequence[str] = ()) -> list[EngineScore]:
 
 
 def measured() -> list[EngineScore]:
-    """Scores of the engines and versions that were measured for the pages, from `measured.json`."""
+    """Scores of the engines and versions that were measured for the pages, in the order of the file
+    `measured.json` that ships with hcbench. Raises UserError if the file is not of this form.
+    """
     scores = []
     for each in validated(parse_json(read_text(MEASURED)), "scores", MEASURED.name):
         one = EngineScore(
@@ -260,12 +263,15 @@ def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedi
     threshold = max(silent, default=0.0)
     first, second, *_ = verdicts
     if first["verdict"] == second["verdict"] == "pass":
-        is_deep = any(v["verdict"] == "fail" for v in verdicts if v["case"] == _DEPTH)
-        return ("soft" if is_deep else "obeyed"), threshold
+        for verdict in verdicts:
+            if verdict["case"] == _DEPTH and verdict["verdict"] == "fail":
+                return "soft", threshold
+        return "obeyed", threshold
     if not measured:
         return None, 0.0
     if _range_of_means(measured) < _ALIKE:
         return "ignored", threshold
+    # From here on impacts without gravity count, too.
     silent += _silent_speeds(measured)
     threshold = max(silent, default=0.0)
     if silent:
@@ -285,18 +291,23 @@ def _rebound_under_gravity(runs: Json, cases: Json) -> Rebound | None:
     """
     by_start: list[float] = []
     by_end: list[float] = []
-    for case in cases["cases"]:
-        for each, result in zip(case["runs"], runs.get(case["id"], []), strict=False):
-            if case["id"] != _SLOW or "states" not in result:
+    slow = [case for case in cases["cases"] if case["id"] == _SLOW]
+    for case in slow:
+        for each, result in zip(case["runs"], runs.get(_SLOW, []), strict=False):
+            if "states" not in result:
                 continue
             *_, gravity_z = each["world"]["gravity"]
             gained = -gravity_z * each["world"]["timestep"]  # speed of a step of fall, m/s
-            upward = [body[5] for _, body, *_ in result["states"]]  # m/s
+            upward = [body[VZ] for _, body, *_ in result["states"]]  # m/s
+            # The first state that rises; a ball that rises from the first on, or never, tells nothing.
             turned = next((i for i, v in enumerate(upward) if v > 0), 0)
+            if turned == 0:
+                return None
             start = -upward[turned - 1]
-            if turned == 0 or start <= 0:
+            if start <= 0:
                 return None
             e = each["world"]["restitution"]
+            # Errors of the two readings, as shares of the speed.
             by_start.append(abs(upward[turned] - e * start) / start)
             by_end.append(abs(upward[turned] - e * (start + gained)) / start)
     if by_start and max(by_start) < _ALIKE:

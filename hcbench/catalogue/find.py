@@ -74,7 +74,9 @@ class Materials(Shown, Sequence[MaterialPair]):
             yield f"{each.name}: {each.numbers} {each.at}"
 
     def _rows(self) -> Iterator[dict[str, Any]]:
-        """The rows of `to_frame`; speeds in m/s, α in s/m, None for what a measurement lacks."""
+        """Yield the rows of `to_frame`, by column: a measurement each; speeds in m/s, α in s/m, None
+        for what a measurement lacks.
+        """
         for each in self.all:
             low, high = each.speed_range_m_per_s or (None, None)
             least, most = each.restitution_interval or (None, None)
@@ -200,6 +202,7 @@ def _unknown(name: str, wanted: str) -> UserError:
     parts = set(re.findall(r"\w+", wanted)) - {"on", "ball"}
 
     def nearness(known: str) -> tuple[int, float]:
+        """How near a known name is: words that it shares, then likeness of its letters, 0 to 1."""
         shared = parts & set(re.findall(r"\w+", known.lower()))
         return len(shared), SequenceMatcher(None, wanted, known.lower()).ratio()
 
@@ -240,9 +243,14 @@ def as_record(material: MaterialPair) -> dict[str, Any]:
 
 
 def as_text(found: Sequence[MaterialPair]) -> str:
-    """Measurements in full, for a terminal: a block of lines for each, with what it states."""
+    """Measurements in full, for a terminal: a block of lines for each, with a row for every field
+    that it states.
+
+    found: measurements, one or more; blocks are apart by an empty line.
+    """
     blocks = []
     for each in found:
+        # Heads of the rows, and their values; those with "" are left out.
         rows = {
             each.name: f"{each.numbers} {each.at}",
             "bodies": " on ".join(each.bodies) + (f", {each.size}" if each.size else ""),

@@ -266,6 +266,10 @@ def falling(points: Sequence[tuple[float, float]]) -> tuple[tuple[float, float],
     Measured e scatters; a target that rises by chance has no setting.
     """
     by_speed = sorted(points)
-    falls = rising(-e for _, e in by_speed)
-    # Not -fall: an e of 0 would become -0.0.
-    return tuple((v, 0.0 - fall) for (v, _), fall in zip(by_speed, falls, strict=True))
+    # The nearest rising numbers to -e.
+    negatives = rising(-e for _, e in by_speed)
+    fallen = []
+    for (speed, _), negative in zip(by_speed, negatives, strict=True):
+        # Not -negative: an e of 0 would become -0.0.
+        fallen.append((speed, 0.0 - negative))
+    return tuple(fallen)

@@ -64,12 +64,11 @@ class DartEngine(DescribesContact, ScriptedEngine[DartOptions]):
 
         options: the setting's. scene: not used: its numbers are names that the lines find.
         """
-        by_force = isinstance(options.law, HuntCrossley)
-        shapes = (
-            "ball_shape.createDynamicsAspect()"
-            if by_force
-            else f"{_SHAPES}\n{_set(options)}".rstrip()
-        )
+        # Without a collision aspect nothing but the law's force acts on the ball.
+        shapes = "ball_shape.createDynamicsAspect()"
+        if not isinstance(options.law, HuntCrossley):
+            shapes = f"{_SHAPES}\n{_set(options)}".rstrip()
+        # Indented: it stands within the step's function.
         hook = _hook(options).replace("\n", "\n    ") or "pass"
         return _LINES.format(length=shortest(options.units_per_metre), shapes=shapes, hook=hook)
 
@@ -91,15 +90,15 @@ class DartEngine(DescribesContact, ScriptedEngine[DartOptions]):
 
 
 def _set(options: DartOptions) -> str:
-    """Lines that set restitutions; "" where neither an e nor a law by e is given."""
+    """Lines that set restitutions: 1 of the plate, and that of the ball if it is one for all impacts;
+    "" where neither an e nor a law by e is given.
+    """
     if options.restitution is None and not isinstance(options.law, Restitution):
         return ""
-    e = (
-        ""
-        if options.restitution is None
-        else f"\n{_SET_BALL.format(shortest(options.restitution))}"
-    )
-    return f"plate_shape.getDynamicsAspect().setRestitutionCoeff(1.0)  # they multiply{e}"
+    lines = "plate_shape.getDynamicsAspect().setRestitutionCoeff(1.0)  # they multiply"
+    if options.restitution is not None:
+        lines += f"\n{_SET_BALL.format(shortest(options.restitution))}"
+    return lines
 
 
 def _hook(options: DartOptions) -> str:
@@ -163,13 +162,14 @@ _CAP = 100.0
 def units_per_metre(target: Target, e: float) -> float:
     """Number of DART's units of length in a metre, a power of ten.
 
-    The unit is the smallest whose cap is at least half again the band's highest speed. Raises
-    SettingError for a band too wide to lie between DART's threshold and its cap, and for e = 0.
+    e: of the target. The unit is the smallest whose cap is at least half again the band's highest
+    speed: DART bounces nothing slower than _THRESHOLD units a second (in e v), and nothing faster
+    than _CAP. Raises SettingError for a band too wide to lie between the two, and for e = 0.
     """
     units = 10.0 ** math.floor(math.log10(_CAP / (1.5 * target.speed_max)))
     if e * target.speed_min * units <= _THRESHOLD:
         got = f"from {target.speed_min:.4g} m/s on"
-        least = _THRESHOLD / (e * units) if e else math.inf
+        least = _THRESHOLD / (e * units) if e else math.inf  # m/s
         raise SettingError(
             "speeds", got, f"{least:.4g} m/s or more: DART bounces within a band of 1000 only"
         )

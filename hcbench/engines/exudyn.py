@@ -81,9 +81,11 @@ class ExudynEngine(DescribesContact, ScriptedEngine[ExudynOptions]):
 
         options: the setting's. scene: its form and radius of the plate, for the sphere or cup.
         """
-        cup = scene.form == "cup"
-        centre = -scene.plate_radius if cup else -_PLATE_RADIUS
-        where = {"centre": shortest(centre), "radius": shortest(abs(centre)), "hollow": cup}
+        # Height of the plate's centre over its surface, m: a cup's radius is below 0, so its centre
+        # is above; a plane is a large sphere below.
+        is_cup = scene.form == "cup"
+        centre = -scene.plate_radius if is_cup else -_PLATE_RADIUS
+        where = {"centre": shortest(centre), "radius": shortest(abs(centre)), "hollow": is_cup}
         contact = _LAW if options.law else _CONTACT.format(numbers=_numbers(options), **where)
         return _LINES.format(
             contact=contact,
@@ -197,6 +199,7 @@ def contact_law(target: Target) -> dict[str, Any]:
     """
     fastest = target.speed_max
     alpha = target.law.alpha
+    # Exudyn's e is 1 - α V, which must be above 0.
     if alpha * fastest >= 1.0:
         raise SettingError(
             "speeds", f"up to {fastest:.4g} m/s", f"below 1/α = {1.0 / alpha:.4g} m/s"

@@ -111,20 +111,21 @@ def _parts(options: OpensimOptions) -> tuple[str, str]:
     """
     law = options.law
     if law is None:
-        given = (_STIFFNESS, options.stiffness), (_DISSIPATION, options.dissipation)
-        contact = _CONTACT.format(
-            "".join(text.format(shortest(v)) for text, v in given if v is not None)
-        )
+        numbers = ""
+        if options.stiffness is not None:
+            numbers += _STIFFNESS.format(shortest(options.stiffness))
+        if options.dissipation is not None:
+            numbers += _DISSIPATION.format(shortest(options.dissipation))
+        contact = _CONTACT.format(numbers)
     else:
         assert isinstance(law, HuntCrossley)
         contact = _LAW.format(
             k=shortest(law.stiffness), n=shortest(law.exponent), a=shortest(1.5 * law.alpha)
         )
-    accuracy = options.accuracy
-    return (
-        contact,
-        "" if accuracy is None else f"manager.setIntegratorAccuracy({shortest(accuracy)})",
-    )
+    integrator = ""
+    if options.accuracy is not None:
+        integrator = f"manager.setIntegratorAccuracy({shortest(options.accuracy)})"
+    return contact, integrator
 
 
 _CONTACT = """\

@@ -107,9 +107,9 @@ def _parts(options: PhysxOptions) -> tuple[str, str, str]:
     none, and of the function that acts before each step, "" for none.
     """
     given = options.model_dump(include={"bounce_threshold", "enable_tgs"}, exclude_none=True)
-    config = ", ".join(
-        ["gravity=np.array([0, 0, -gravity])", *(f"{k}={v}" for k, v in given.items())]
-    )
+    arguments = ["gravity=np.array([0, 0, -gravity])"]
+    arguments += [f"{name}={value}" for name, value in given.items()]
+    config = ", ".join(arguments)
     material = ""
     hook = ""
     if isinstance(options.law, HuntCrossley):

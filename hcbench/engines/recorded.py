@@ -82,9 +82,11 @@ def _files(setting: Setting, count: int) -> list[str]:
 
 
 def read(file: Path) -> Trajectory:
-    """The trajectory in a CSV file.
+    """The trajectory in a CSV file with the columns time_s, penetration_m, rate_m_per_s and force_n;
+    others are ignored.
 
-    Raises SettingError that names the file, line and column at fault.
+    Raises SettingError for a file that cannot be read, lacks a column, has something else than a
+    number there, or whose times do not rise in even steps; it names file, line and column.
     """
     slot = f"recording {file}"
     columns = f"the columns {', '.join(COLUMNS)}"
@@ -100,11 +102,11 @@ def read(file: Path) -> Trajectory:
     missing = [name for name in COLUMNS if name not in header]
     if missing:
         raise SettingError(slot, f"no column {missing[0]!r} among {header}", columns)
+    # In the order of a Trajectory's fields: time, s; penetration, m; its rate, m/s; force, N.
     values = np.empty((len(COLUMNS), len(rows)))
     for i, row in enumerate(rows):
         values[:, i] = [_number(slot, i, name, row[name]) for name in COLUMNS]
-    time = values[0]
-    _check_times(slot, time)
+    _check_times(slot, values[0])
     return Trajectory(*values)
 
 

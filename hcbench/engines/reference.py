@@ -37,12 +37,12 @@ _SAME_IMPACT = 1e-3
 def successive_bounces(
     impact_at: Callable[[float], Impact], gravity: float, height: float, speed: float, times: Floats
 ) -> Trajectory:
-    """The state at `times` (s after release, shape (n,)) of a body
-    released `height` m up at `speed` m/s.
+    """Follow a body over a plate through flights and impacts: penetration, m, below 0 in flight, its
+    rate, m/s, above 0 towards the plate, and the force, N, at each of `times`, (n,) each.
 
-    speed: towards the plate; the penetration is below 0 in flight.
     impact_at: the impact at a touch speed (m/s), with its loop.
-    gravity: m/s², 0 for one bounce only.
+    gravity: m/s², 0 for one bounce only. height: above the plate at release, m. speed: then, m/s,
+    towards the plate. times: s after release, rising, (n,).
 
     At rest penetration, rate and force are 0: the static depth is negligible. An impact
     slower than the last computed one by less than 1e-3 has its loop, and loses speed in the
@@ -51,7 +51,7 @@ def successive_bounces(
     x = np.zeros_like(times)
     v = np.zeros_like(times)
     f = np.zeros_like(times)
-    # Start of the flight, s.
+    # Of the flight: its start, s, the height there, m, and the rate, m/s.
     start = 0.0
     gap = height
     rate = speed
@@ -64,6 +64,7 @@ def successive_bounces(
             touch = -rate
         if touch < _REST_SPEED:
             return Trajectory(times, x, v, f)
+        # First the flight, s, up to the touch: which of `times` lie in it, and their time since.
         flight = (touch - rate) / gravity if gravity > 0 else gap / touch
         flying = slice(*np.searchsorted(times, [start, start + flight]))
         t = times[flying] - start
@@ -72,6 +73,7 @@ def successive_bounces(
         start += flight
         if impact is None or abs(impact.speed_in - touch) > _SAME_IMPACT * touch:
             impact = impact_at(touch)
+        # Then the impact, along its loop.
         loop = impact.loop
         assert loop is not None
         end = start + loop.time[-1]
@@ -80,14 +82,16 @@ def successive_bounces(
         x[inside] = np.interp(since, loop.time, loop.penetration)
         v[inside] = np.interp(since, loop.time, loop.rate)
         f[inside] = np.interp(since, loop.time, loop.force)
+        # Speed that the impact takes, m/s: of a loop that is shared, scaled to this one's speed.
         lost = (impact.speed_in - impact.speed_out) * (touch / impact.speed_in) ** 2
         start = end
         gap = 0.0
         rate = lost - touch
         if gravity == 0:
-            left = times >= start
-            x[left] = rate * (times[left] - start)
-            v[left] = rate
+            # It flies on, and never comes back.
+            later = times >= start
+            x[later] = rate * (times[later] - start)
+            v[later] = rate
             break
     return Trajectory(times, x, v, f)
 
@@ -158,7 +162,11 @@ class ReferenceEngine(Engine):
 
 
 def law_of(setting: Setting, scene: Scene) -> Law:
-    """The law that a setting of the reference names. Raises SettingError for anything else."""
+    """The law that a setting of the reference names, with its options' numbers.
+
+    scene: its stiffness and exponent hold where the options have none. Raises SettingError for
+    another name, and for options that the law does not have or that are missing.
+    """
     if setting.name == "hunt-crossley":
         defaults = {"stiffness": scene.stiffness, "exponent": scene.exponent}
         return HuntCrossley(**_numbers(setting, defaults, required=("alpha",)))
@@ -192,10 +200,12 @@ def _impact(law: Law, mass: float, speed: float, gravity: float, timestep: float
 
     mass: kg. speed: at touch, m/s. gravity: m/s². timestep: s.
     """
+    # Published laws whose damping depends on the speed at touch: of one impact a plain law.
     if isinstance(law, TouchSpeedLaw):
         law = law.at(speed)
     if gravity == 0.0 and isinstance(law, HuntCrossley):
         impact = _closed_hunt_crossley(law, mass, speed, timestep)
+    # An overdamped spring and damper has no closed form here.
     elif gravity == 0.0 and kelvin_voigt.damping_ratio(law, mass) < 1.0:  # type: ignore[arg-type]
         impact = _closed_kelvin_voigt(law, mass, speed, timestep)  # type: ignore[arg-type]
     else:
@@ -222,7 +232,7 @@ def _points(duration: float, timestep: float) -> int:
 
 
 def _closed_hunt_crossley(law: HuntCrossley, mass: float, speed: float, timestep: float) -> Impact:
-    """The impact by the closed forms of eq. (16), without gravity.
+    """The impact of a mass on a law by the closed forms of eq. (16), without gravity, with its loop.
 
     mass: kg.
     speed: m/s.

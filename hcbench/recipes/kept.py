@@ -64,13 +64,11 @@ def kept(recipe: Recipe, target: Target, place: Path | None) -> Setting | None:
 
     place: path of the file, as `place_of` returns it.
     """
+    if place is None:
+        return None
     with suppress(OSError, ValueError):
-        if (
-            place is not None
-            and place.is_file()
-            and is_private(place.parent)
-            and not _is_old(place)
-        ):
+        if place.is_file() and is_private(place.parent) and not _is_old(place):
+            # A digest on the first line, then the options as JSON, of which it is.
             digest, _, text = read_text(place).partition("\n")
             if digest == _digest(text):
                 return Setting(recipe.engine, recipe.name, target.timestep, json.loads(text))

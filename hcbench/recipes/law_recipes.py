@@ -64,12 +64,15 @@ def plug_in_recipes(
     exact_above: e to the impact speed over g h from which the restitution law is exact.
     The recipes of a force raise SettingError for a step that does not resolve its contact.
     """
+    # Names of native recipes that errors advise: of one e, which works at any step, and of an e that
+    # falls with speed.
     constant = first(native, Role.CONSTANT_E, "plane")
     at_any_step = [constant.name] if constant else []
     falling = [recipe.name for recipe in native if recipe.role is Role.FALLING_E]
     plug_in = partial(Recipe, engine, native=False, instead=_any_of([*falling, *at_any_step]))
 
     def published_law(target: Target, law: TouchSpeedLaw) -> Options:
+        """Options of a setting with a published law, which must be resolved at the fastest impact."""
         advice = f"Use {_any_of(at_any_step)}, which has one restitution at any step"
         _require_resolved(target, law.at(target.speed_max), advice)
         options = {"kind": "force", "law": law.family.slug, **published_law_options(target, law)}
@@ -171,9 +174,13 @@ def published_law_recipes(
     """
 
     def recipe(family: PublishedLaw) -> Recipe:
-        """The recipe of one law, which sets it to the best constant e of a target's band."""
+        """The recipe of one law, which sets it to the best constant e of a target's band.
+
+        family: the law without numbers.
+        """
 
         def function(target: Target) -> Options:
+            """Options of the setting for a target."""
             e, _ = minimax_constant(target)
             return options(
                 target, TouchSpeedLaw(family, target.law.stiffness, e, target.law.exponent)

@@ -108,6 +108,7 @@ class Search:
         """
 
         def evaluate(parameters: Floats, limits: Floats) -> Floats:
+            """The errors, which are recorded."""
             found = errors(parameters, limits)
             self.record(parameters, found)
             return found
@@ -152,16 +153,20 @@ def evolve(
     count, size = members.shape
     lowest, highest = bounds
     numbers = np.arange(count)
+    # The order of the random draws must stay: searches with a seed would end elsewhere.
     for _ in range(generations):
+        # Two random members for each.
         one, other = members[random.integers(0, count, (2, count))]
         base = members
         if towards_best:
             base = members[least.argmin()]
+        # The factor is drawn anew in each generation.
         mutants = base + random.uniform(*_MUTATION) * (one - other)
         crossed = random.random(members.shape) < _CROSSED
         # At least one parameter of each mutant is crossed.
         crossed[numbers, random.integers(0, size, count)] = True
         trials = np.where(crossed, mutants, members)
+        # What is out of bounds is drawn from within.
         outside = (trials < lowest) | (trials > highest)
         trials = np.where(outside, random.uniform(lowest, highest, members.shape), trials)
         found = errors(trials, least)

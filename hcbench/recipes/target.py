@@ -42,11 +42,13 @@ def default_band(timestep: float, gravity: float) -> tuple[float, float]:
 
 
 def _above(speed: float) -> float:
-    """The next speed above, in three digits; 0 for 0."""
+    """The next speed above that has three digits, m/s; 0 for 0."""
     if not speed > 0.0:
         return 0.0
-    unit = 10.0 ** (math.floor(math.log10(speed)) - 2)
-    return float(f"{unit * (math.floor(speed / unit + 1e-9) + 1):.3g}")
+    unit = 10.0 ** (math.floor(math.log10(speed)) - 2)  # of the third digit
+    # A little more: a speed of three digits must not round down.
+    steps = math.floor(speed / unit + 1e-9) + 1
+    return float(f"{unit * steps:.3g}")
 
 
 def why_cut(low: float, timestep: float, gravity: float) -> str:
@@ -185,9 +187,10 @@ def _require_falling(measured: MeasuredRestitution) -> None:
     """
     speeds = measured.speeds
     values = measured.values
-    rises = np.flatnonzero((np.diff(values) > 0) | (np.diff(speeds) <= 0))
-    if rises.size:
-        i = int(rises[0])
+    # Of two neighbours the first, where e rises or the speed does not.
+    wrong = np.flatnonzero((np.diff(values) > 0) | (np.diff(speeds) <= 0))
+    if wrong.size:
+        i = int(wrong[0])
         before = f"{values[i]:.4g} at {speeds[i]:.4g} m/s"
         after = f"{values[i + 1]:.4g} at {speeds[i + 1]:.4g} m/s"
         got = f"e goes from {before} to {after}"
@@ -263,9 +266,12 @@ def implicit_spring_damper(target: Target, duration: float, instead: str) -> tup
     beta, omega = spring_damper_rates(e, duration, instead)
     # c >= 0 asks for exp(2 β h) - 1 >= h² k / m, nearly 2 β >= ω² h.
     slower = max(1.0, (omega**2 + beta**2) * h / (2 * beta) * (1 + 1e-9))
+    # The estimate is a little short where a step is long beside the contact: 2 % at a time.
     while True:
+        # The inverse poles are grow exp(± i turn).
         grow = math.exp(beta / slower * h)
         turn = omega / slower * h
+        # Per unit mass, 1/s² and 1/s.
         stiffness = (grow**2 + 1 - 2 * grow * math.cos(turn)) / h**2
         damping = (grow**2 - 1) / h - stiffness * h
         if damping >= 0:
@@ -306,9 +312,10 @@ def one_way_spring_damper(target: Target, duration: float, instead: str) -> tupl
     e, _ = minimax_constant(target)
 
     def way_in(zeta: float) -> float:
-        """Duration of the way in times ω."""
+        """Duration of the way in times ω, for a damping ratio ζ below 1."""
         return math.acos(zeta) / math.sqrt(1.0 - zeta**2)
 
+    # At ζ = 1, which is critical damping, e is exp(-1): near it ζ is not told by e any more.
     if not math.exp(-0.99) < e <= 1.0:
         raise SettingError("restitution", f"{e:.4g}", "e within 0.372 ... 1", f"Use `{instead}`")
     zeta = root(lambda z: z * way_in(z) + math.log(e), 0.0, 1.0 - 1e-9, 1e-15)

@@ -144,6 +144,7 @@ def map_surviving_crashes(
             )
             crashes_in_a_row = 0
         except WorkerDied as death:
+            # What it had sent until then is kept.
             results += death.results
             if death.results:
                 crashes_in_a_row = 0
@@ -152,8 +153,9 @@ def map_surviving_crashes(
                 suspects_end = len(results) + together
                 continue
             crashes_in_a_row += 1
-            # None is left where it died after its last result.
-            results += [lost(job, death.got) for job in jobs[len(results) :][:1]]
+            # The job after the last result is lost; none is left where it died after its last one.
+            if len(results) < len(jobs):
+                results.append(lost(jobs[len(results)], death.got))
             if crashes_in_a_row == give_up:
                 reason = f"not tried: the engine died on the {give_up} before it ({death.got})"
                 results += [lost(job, reason) for job in jobs[len(results) :]]

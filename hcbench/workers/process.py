@@ -237,11 +237,14 @@ class Worker:
         """
         if limit is None or self._process is None:
             return self._pipe.poll(limit)
-        begun = used = processor_seconds(self._process.pid)
+        # Processor time of the process, s, at the begin and at the last look.
+        begun = processor_seconds(self._process.pid)
+        used = begun
         # The pipe takes no longer wait; `longest` may be infinite.
         limit = min(limit, _LONGEST_S)
         end = time.monotonic() + longest
         wait = min(limit, longest)
+        # A process cannot use more time than has gone by: it is looked at when it could be too late.
         while not self._pipe.poll(wait):
             before = used
             used = processor_seconds(self._process.pid)

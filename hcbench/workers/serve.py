@@ -195,14 +195,17 @@ def serve(handle: int, environment: str = "", first: FirstCall | None = None) ->
     request; what it raises is dropped.
     """
     mark_as_worker(environment)
+    # The class of a pipe's end differs between systems.
     pipe = type(Pipe()[0])(handle)
+    # Of the last request; None for the message that the process is up.
     error: Exception | None = None
-    # The parent has gone.
+    # Raised where the parent has gone.
     with suppress(EOFError, OSError):
         while True:
             pipe.send_bytes(pickled(CallEnd(error)))
             if first is not None:
-                (module, function, args), first = first, None
+                module, function, args = first
+                first = None
                 with suppress(Exception):
                     getattr(import_module(module), function)(*args)
             request = pipe.recv_bytes()

@@ -65,6 +65,7 @@ def test_a_joint_is_found_by_its_name_as_the_model_has_it_and_as_it_is_shown() -
             phases=[0.3],
             diagnose=False,
             move=f"joint:{name}",
+            qpos={name: 0.1},
         )
         assert "'upright' on its joint sus?pension" in found.facts.moved
 

@@ -225,7 +225,9 @@ def _hertz_stiffness(target: Target) -> float:
     the geometric mean of the target's speeds.
     """
     n = target.law.exponent
+    # J: the product of the two speeds is the square of their geometric mean.
     energy = 0.5 * target.mass * target.speed_min * target.speed_max
+    # Where k xⁿ⁺¹/(n + 1) is that energy, m.
     deepest = ((n + 1.0) * energy / target.law.stiffness) ** (1.0 / (n + 1.0))
     return float(2.0 * energy / deepest**2)
 
@@ -248,8 +250,13 @@ def discrete(target: Target) -> dict[str, Any]:
     """
     h = target.timestep
     law = target.law
+    # ω, 1/s: at which the step takes _DAMPED of e; at which the fastest impact goes _DEEPEST; and at
+    # which step and gravity take as much.
+    by_step = 2.0 * _DAMPED / (math.pi * h)
+    by_depth = target.speed_max / _DEEPEST
     under_gravity = math.sqrt(2.0 * law.alpha * target.gravity / h)
-    omega = max(2.0 * _DAMPED / (math.pi * h), target.speed_max / _DEEPEST, under_gravity)
+    omega = max(by_step, by_depth, under_gravity)
+    # No stiffer than the law; the two bodies' springs are in series, so each is twice as stiff.
     k = min(target.mass * omega**2, _hertz_stiffness(target))
     return {"approximation": "similar", "point_stiffness": 2.0 * k, "dissipation": law.dissipation}
 

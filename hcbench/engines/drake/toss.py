@@ -67,11 +67,14 @@ def _add(
 ) -> None:
     """Add body and plate with their contact to a plant.
 
-    drake: the module pydrake.all. plant: changed. given: parameters by name, SI.
+    drake: the module pydrake.all. plant: changed. body: shape, mass and inertia of what is tossed.
+    setting: kind of contact: a spring and a dissipation, or no more than friction. given: its
+    parameters by name, SI.
     """
     turning = drake.RotationalInertia(*body.inertia)
     inertia = drake.SpatialInertia.MakeFromCentralInertia(body.mass, [0, 0, 0], turning)
     tossed = plant.AddRigidBody("body", inertia)
+    # Functions: a body has half sizes for one of them alone.
     shapes = {
         "box": lambda: drake.Box(*(2.0 * half for half in body.half_sizes)),
         "sphere": lambda: drake.Sphere(body.half_sizes[0]),

@@ -177,12 +177,14 @@ class DrakeModel(ModelUnderTest):
         most one suspect, none where that takes less than _NOTABLE of e.
         """
         stiffness, _ = self.pair_values()
-        omega = math.sqrt(stiffness / self.mass)
+        omega = math.sqrt(stiffness / self.mass)  # 1/s
+        # The factor of e.
         kept = math.exp(-0.5 * math.pi * omega * self.timestep)
         if 1.0 - kept < _NOTABLE:
             return
-        # At this step exp(-π ω h/2) is 1 - _TAKEN.
+        # At this step, s, exp(-π ω h/2) is about 1 - _TAKEN.
         step = 2.0 * _TAKEN / (math.pi * omega)
+        # A step so fine that it takes too long is named, but not tried.
         fix = None
         if step * _FINEST > self.timestep:
             fix = partial(_set_step, timestep=step)
@@ -206,14 +208,16 @@ class DrakeModel(ModelUnderTest):
         """
         speed = float(np.median(diagnose.speeds_of(impacts)))
         _, dissipation = self.pair_values()
-        e = diagnose.constant_e(impacts, wanted)
+        # The target's one e over the speeds, None without a target; and that of the model. Drake's
+        # dissipation is 1.5 α.
+        target_e = diagnose.constant_e(impacts, wanted)
         asked = float(Restitution(dissipation / 1.5).at(speed))
         is_default = not any(
             self.loaded.says(shape, DISSIPATION) for shape in self.place.gap.geometries
         )
-        if not is_default and (e is None or abs(e - asked) < _NOTABLE):
+        if not is_default and (target_e is None or abs(target_e - asked) < _NOTABLE):
             return
-        goal = diagnose.BOUNCY if e is None else e
+        goal = diagnose.BOUNCY if target_e is None else target_e
         if isinstance(wanted, Restitution):
             alpha = wanted.alpha
         else:
@@ -272,7 +276,11 @@ class DrakeSimulation(Simulation):
     """One launch of a placed pair, in a context of its own."""
 
     def __init__(self, model: DrakeModel, launch: Launch) -> None:
-        """Put the pair where the launch begins, at its speed."""
+        """Put the pair where the launch begins, at its speed: in contexts of Drake's that are this
+        launch's own.
+
+        model: with its pair at touch; it keeps the names of what else touches. launch: normal.
+        """
         self._model = model
         self._loaded = model.loaded
         self._place = model.place
@@ -283,6 +291,7 @@ class DrakeSimulation(Simulation):
         self._context = plant.GetMyMutableContextFromRoot(self._root)
         self._simulator = self._loaded.drake.Simulator(diagram, self._root)
         plant.SetPositions(self._context, self._place.positions)
+        # m, back along the approach.
         back = -launch.clearance_in_phase(self._h, model.gravity)
         move_on(self._loaded, self._context, back * self._place.direction)
         plant.SetVelocities(self._context, launch.speed * self._place.direction)
@@ -315,6 +324,7 @@ class DrakeSimulation(Simulation):
             row = approach_row(self._loaded, self._context, pair, gap)
             rate = float(row @ plant.GetVelocities(self._context))
             self._steps += 1
+            # To a multiple of the step, not on by one: sums of steps would round off.
             self._simulator.AdvanceTo(self._steps * self._h)
             force = self._force(gap.normal)
         except RuntimeError:
@@ -333,6 +343,7 @@ class DrakeSimulation(Simulation):
             info = results.point_pair_contact_info(i)
             point = info.point_pair()
             total += self._of_pair((point.id_B, point.id_A), info.contact_force(), normal)
+        # Drake's force of a point contact is on its body B, that of a surface on its M.
         for i in range(results.num_hydroelastic_contacts()):
             surface = results.hydroelastic_contact_info(i)
             ids = surface.contact_surface().id_M(), surface.contact_surface().id_N()

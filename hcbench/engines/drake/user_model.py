@@ -101,7 +101,11 @@ class LoadedPlant:
         self.collide = {frozenset(both) for both in self.inspector.GetCollisionCandidates()}
 
     def _add(self, path: Path, packages: Packages) -> None:
-        """Add the models of a file to the plant. Raises SceneError where Drake does not load it."""
+        """Add the models of a file to the plant, before that is finalized.
+
+        packages: folders of the packages that the file names. Raises SceneError for a file that is
+        missing or that Drake does not load.
+        """
         if not path.is_file():
             what = "is a folder" if path.is_dir() else "is not there"
             raise SceneError("model", f"{path} {what}", f"a model file: {', '.join(SUFFIXES)}")
@@ -158,15 +162,15 @@ class LoadedPlant:
         indices = self.plant.GetBodyIndices(self.drake.default_model_instance())
         bodies = list(map(self.plant.get_body, indices))
         bodies += [self.plant.world_body(), *map(self.body_of, self._geometries)]
-        # Each body once, if it has shapes; then all shapes.
+        # Kind, name, and Drake's body or geometry id: each body once, if it has shapes; all shapes.
         parts = [
             ("body", body.name(), body) for body in dict.fromkeys(bodies) if self._shapes(body)
         ]
         parts += [("geom", self.short(g), g) for g in self._geometries]
-        kind, identifier = find_part(parts, name)
+        kind, found = find_part(parts, name)
         if kind == "geom":
-            return Part(name, self.body_of(identifier), (identifier,))
-        return Part(name, identifier, tuple(self._shapes(identifier)))
+            return Part(name, self.body_of(found), (found,))
+        return Part(name, found, tuple(self._shapes(found)))
 
     def _shapes(self, body: Any) -> list[Any]:
         return [g for g in self._geometries if self.body_of(g).index() == body.index()]
@@ -208,10 +212,11 @@ class LoadedPlant:
             near = query.ComputeSignedDistancePairClosestPoints(a, b)
         except RuntimeError as error:
             raise UserError("pair", str(error), "two shapes whose distance Drake knows") from None
+        # Drake chooses which of the two is its A. The nearest points, m, in the world:
         end_a = query.GetPoseInWorld(near.id_A).multiply(near.p_ACa)
         end_b = query.GetPoseInWorld(near.id_B).multiply(near.p_BCb)
+        # From Drake's B to its A, so from a to b if Drake's A is b.
         normal = near.nhat_BA_W
-        # Drake chooses which of the two is A.
         if near.id_A != b:
             normal = -normal
         return Gap(float(near.distance), np.asarray(normal), (end_a + end_b) / 2, (a, b))
@@ -225,10 +230,11 @@ class LoadedPlant:
         """
         ground_pose = query.GetPoseInWorld(ground)
         pose = query.GetPoseInWorld(shape)
+        # A half-space is below the plane z = 0 of its frame.
         up = ground_pose.rotation().matrix()[:, 2]
-        turned = pose.rotation().matrix()
-        farthest = self._farthest(self.inspector.GetShape(shape), turned.T @ -up)
-        deepest = pose.translation() + turned @ farthest
+        to_world = pose.rotation().matrix()
+        farthest = self._farthest(self.inspector.GetShape(shape), to_world.T @ -up)
+        deepest = pose.translation() + to_world @ farthest
         distance = float(up @ (deepest - ground_pose.translation()))
         return distance, up, deepest - 0.5 * distance * up
 
@@ -250,9 +256,11 @@ class LoadedPlant:
             axes = np.array([shape.a(), shape.b(), shape.c()])
             return np.asarray(axes**2 * along / np.linalg.norm(axes * along))
         if isinstance(shape, drake.Capsule | drake.Cylinder):
+            # Of a capsule's end the farthest point is on a sphere, of a cylinder's on the rim.
             outwards = along
             if isinstance(shape, drake.Cylinder):
                 outwards = _unit(np.array([*along[:2], 0.0]))
+            # Both have their axis along z.
             end = [0.0, 0.0, 0.5 * shape.length() * side[2]]
             return np.asarray(shape.radius() * outwards + end)
         got = f"a {type(shape).__name__} on a HalfSpace, whose distance Drake does not know"
@@ -260,6 +268,7 @@ class LoadedPlant:
 
 
 def _unit(vector: Floats) -> Floats:
+    """The unit vector along a vector; 0 for one that is as good as 0."""
     length = float(np.linalg.norm(vector))
     return vector / length if length > _ALONG else 0.0 * vector
 
@@ -294,6 +303,7 @@ def ignored_in_words(lines: Sequence[str]) -> str:
     lines: what Drake logged while it read the model; only its warnings count, and not those about
     looks.
     """
+    # A dict keeps each phrase once, in order.
     left_out: dict[str, None] = {}
     for line in lines:
         _, is_warning, text = line.partition("warning: ")
@@ -448,10 +458,11 @@ def movers(loaded: LoadedPlant, body: Any) -> Iterator[tuple[list[int], str]]:
     then, if joints among them turn, all velocities of the plant together.
     """
     plant = loaded.plant
+    # The joint on which each body hangs, by the body's index.
     joint_of = {
         plant.get_joint(i).child_body().index(): plant.get_joint(i) for i in plant.GetJointIndices()
     }
-    # Joints that turn, nearest first.
+    # Names of the joints that turn, nearest first.
     chain = []
     joint = joint_of.get(body.index())
     while joint is not None:
@@ -487,8 +498,7 @@ def _direction(loaded: LoadedPlant, context: Any, row: Floats, dofs: list[int]) 
         move[dofs] = row[dofs]
     approach = float(row @ move)
     # A mover that hardly changes the approach rate leads nowhere.
-    least = LEAST_APPROACH**2 * float(move @ move > 0)
-    if approach > least:
+    if approach > LEAST_APPROACH**2:
         return np.asarray(move / approach)
     return None
 
@@ -510,6 +520,7 @@ def _touch(
             return None
         if abs(gap.distance) < _CLOSE:
             return gap
+        # At 1 m/s the distance is the time left, s: exact for flat shapes, a Newton step for others.
         move_on(loaded, context, move * gap.distance)
     return gap if abs(gap.distance) < _MISSED else None
 
@@ -542,11 +553,12 @@ def _placed(
     direction = _direction(loaded, context, row, dofs)
     assert direction is not None
     mass = plant.CalcMassMatrix(context)
-    # What gravity, springs and dampers do to the plant at rest.
+    # What gravity, springs and dampers do to the plant at rest: the accelerations, (nv,), are minus
+    # those by the forces that would keep it at rest.
     forces = loaded.drake.MultibodyForces(plant)
     plant.CalcForceElementsContribution(context, forces)
     at_rest = np.zeros(plant.num_velocities())
-    falls = -np.linalg.solve(mass, plant.CalcInverseDynamics(context, at_rest, forces))
+    accelerations = -np.linalg.solve(mass, plant.CalcInverseDynamics(context, at_rest, forces))
     first, second = pair
     return PlacedPair(
         first=first,
@@ -556,6 +568,6 @@ def _placed(
         direction=direction,
         gap=gap,
         effective_mass=1.0 / float(row @ np.linalg.solve(mass, row)),
-        gravity=float(row @ falls),
+        gravity=float(row @ accelerations),
         overlap=overlap,
     )

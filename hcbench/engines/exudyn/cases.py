@@ -65,17 +65,20 @@ class ExudynBodies:
             raise NotImplementedError("has a contact of balls without friction alone")
 
     def _contact(self, e: float, a: tuple[Any, ...], b: tuple[Any, ...]) -> None:
-        """Add a contact of two spheres to the system, with the restitution e.
+        """Add a contact of two spheres to the system, with the restitution e: a linear spring that
+        lasts CONTACT_STEPS steps for the two masses, and a loss.
 
         a, b: (marker, radius m, 1/mass 1/kg, 0 of the floor) each.
         """
-        (on_a, radius_a, share_a), (on_b, radius_b, share_b) = a, b
+        on_a, radius_a, share_a = a
+        on_b, radius_b, share_b = b
+        # Exudyn's own data of a contact: the gap, m, begins as open.
         start = [0.1, 0, 0, 0]
         touch = self.mbs.AddNode(
             items.NodeGenericData(initialCoordinates=start, numberOfDataCoordinates=4)
         )
         rate = math.pi / (CONTACT_STEPS * self.h)  # of half a turn of the spring, 1/s
-        mass = 1.0 / (share_a + share_b)
+        mass = 1.0 / (share_a + share_b)  # reduced mass of the two, kg
         if e:
             loss = {"impactModel": 2, "restitutionCoefficient": e, "minimumImpactVelocity": 0.0}
         else:
@@ -92,7 +95,9 @@ class ExudynBodies:
         self.mbs.AddObject(contact)
 
     def _solver(self) -> None:
-        """Make the settings of Exudyn's solver: one step of `h` a call."""
+        """Make the settings of Exudyn's solver, `settings`: one step of `h`, s, a call, written to no
+        file.
+        """
         self.settings = exudyn.SimulationSettings()
         time = self.settings.timeIntegration
         # The default of 1e-8 s ends one impact in five at parting.

@@ -65,7 +65,7 @@ class MjxWorlds:
         # Steps still to be taken.
         self.ahead = 0
         models = [mjx.put_model(model) for model, _ in self.worlds]
-        # One model whose arrays have those of all worlds, in their first axis.
+        # One model whose arrays have those of all worlds, in their first axis; and such data.
         leaves = zip(*map(jax.tree.leaves, models), strict=True)
         self.models = jax.tree.structure(models[0]).unflatten(jnp.stack(each) for each in leaves)
         empty = jax.tree.map(lambda x: jnp.stack([x] * len(models)), mjx.make_data(models[0]))

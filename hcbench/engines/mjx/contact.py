@@ -137,7 +137,7 @@ def _forward(laws: Laws, model: Any, data: Any, values: Any) -> Any:
     if data._impl.efc_J.size == 0:
         return data.replace(qacc=data.qacc_smooth)
     data = mjx.solve(model, data)
-    # What the rows were made of is not what was found.
+    # `_collide` changed the contacts for the solver alone: users see those that were detected.
     data = data.tree_replace({"_impl.contact": contact})
     return mjx.sensor_acc(model, data)
 
@@ -153,15 +153,19 @@ def _collide(laws: Laws, model: Any, before: Any, data: Any, values: Any) -> Any
 
     touch = _touch(laws, model, data)
     timestep = model.opt.timestep
+    # Of each contact apart and along both tangents, m/s, (n, 3).
     rates = touch.rows @ data.qvel
-    # Of gravity, motors and springs, as the step before had them.
+    # Acceleration that presses the two together, m/s², (n,): of gravity, motors and springs, as the
+    # step before had them.
     presses = jnp.maximum(-(touch.rows[:, 0] @ data.qacc_smooth), 0.0)
     load = jnp.maximum(presses, _loads(model, touch, before, data))
+    # Speed that counts as rest, m/s, with a margin for round-off.
     calm = STILL * timestep * load + 1e-9
     target, half = _targets(laws, touch, values, -rates[:, 0], presses, calm, timestep)
     shifted = rates.at[:, 0].add(-half)
     impulse = _impulses(touch, shifted, target)
     qvel = data.qvel + jnp.einsum("nk,nkv->v", impulse, touch.moves)
+    # Apart, after the impacts, m/s: what parts is silent for the step, what rests is MJX's.
     rate = touch.rows[:, 0] @ qvel
     contact = _resting(data._impl.contact, touch, rate > calm, load, timestep)
     return data.replace(qvel=qvel).tree_replace({"_impl.contact": contact})
@@ -181,6 +185,7 @@ def _touch(laws: Laws, model: Any, data: Any) -> _Touch:
     body_of = jnp.array(model.geom_bodyid)
 
     def rows_of(point: Any, frame: Any, geom: Any) -> Any:
+        """Rates of one contact over velocities, (3, nv): apart, then along both tangents."""
         one, _ = mjx.jac(model, data, point, body_of[geom[0]])
         two, _ = mjx.jac(model, data, point, body_of[geom[1]])
         return frame @ (two - one).T
@@ -211,12 +216,15 @@ def _loads(model: Any, touch: _Touch, before: Any, data: Any) -> Any:
 
     contact = data._impl.contact
     normal = contact.frame[:, 0]
+    # Which of a contact's two bodies can move, (n, 2).
     moves = jnp.array(model.body_weldid != 0)[jnp.array(model.geom_bodyid)[contact.geom]]
+    # The normal points from the first body to the second.
     along = normal @ model.opt.gravity
     weight = jnp.maximum(along * moves[:, 0], -along * moves[:, 1])
-    own = jnp.einsum("nv,nv->n", touch.rows[:, 0], touch.moves[:, 0]) * _normal_forces(
-        model, before
-    )
+    # What the contact's own force gave, m/s²: its mobility, 1/kg, times the force. Without it the
+    # two would have approached by the rest.
+    mobility = jnp.einsum("nv,nv->n", touch.rows[:, 0], touch.moves[:, 0])
+    own = mobility * _normal_forces(model, before)
     others = own - touch.rows[:, 0] @ before.qacc
     return jnp.maximum(jnp.maximum(weight, others), 0.0)
 
@@ -262,10 +270,12 @@ def _targets(
     import jax.numpy as jnp
 
     half = presses * timestep / 2.0
+    # No deeper than the last step led: it touched within this step. Float32 rounds the depth.
     is_new = touch.depth <= timestep * approach * (1.0 + 1e-5)
     lift = jnp.where(is_new, 2.0 * presses * touch.depth, 0.0)
     speed = approach + half
     at_plane = jnp.where(is_new, jnp.sqrt(jnp.maximum(speed**2 - lift, 0.0)), approach)
+    # α or e of each contact's law, and the number α v by which e falls; else the value is e itself.
     value = jnp.asarray(values)[touch.law]
     number = value * at_plane
     e = jnp.select(
@@ -291,11 +301,16 @@ def _impulses(touch: _Touch, rates: Any, target: Any) -> Any:
     import jax.numpy as jnp
 
     count = target.size
+    # Sweeps in one compiled round.
     together = max(1, _UNROLLED // count)
+    # Rate of row k of contact i by a unit impulse along row l of contact j, 1/kg, (n, 3, n, 3); and
+    # of each row by its own impulse, (n, 3), with the inverse, 0 for rows that nothing moves.
     couples = jnp.einsum("ikv,jlv->ikjl", touch.rows, touch.moves)
     own = jnp.einsum("ikik->ik", couples)
     acts = (touch.law >= 0) & (own[:, 0] > 0.0)
+    # The inner `where` keeps a division by 0 out of the branch that is not taken.
     ease = jnp.where(own > 0.0, 1.0 / jnp.where(own > 0.0, own, 1.0), 0.0)
+    # The largest change that is asked for, m/s, by which the sweeps are judged.
     fastest = jnp.max(jnp.where(acts, jnp.maximum(target - rates[:, 0], 0.0), 0.0))
 
     def solve_contact(i: Any, carry: Any) -> Any:
@@ -309,6 +324,7 @@ def _impulses(touch: _Touch, rates: Any, target: Any) -> Any:
         rate = rate + couples[i, :, i, 0] * (normal - impulse[i, 0])
         # The stiffer tangent: a step by it overshoots neither.
         sliding = impulse[i, 1:] - rate[1:] * jnp.min(ease[i, 1:])
+        # Within Coulomb's ellipse: beyond it (a share above 1) the impulse is scaled back onto it.
         most = touch.friction[i] * normal
         share = jnp.linalg.norm(sliding / jnp.where(most > 0.0, most, 1.0))
         sliding = jnp.where(most > 0.0, sliding / jnp.maximum(share, 1.0), 0.0)
@@ -328,6 +344,7 @@ def _impulses(touch: _Touch, rates: Any, target: Any) -> Any:
         return impulse, change, sweeps + together
 
     def goes_on(carry: Any) -> Any:
+        """Say whether the last sweep still changed a rate, and sweeps are left."""
         _, change, sweeps = carry
         return (change > _SETTLED * fastest) & (sweeps < SWEEPS)
 
@@ -350,17 +367,23 @@ def _resting(contact: Any, touch: _Touch, parts: Any, load: Any, timestep: Any) 
     import jax.numpy as jnp
 
     has_law = touch.law >= 0
+    # solref is (-stiffness, -damping), or (time constant, damping ratio): MuJoCo takes no constant
+    # below two steps.
     is_direct = contact.solref[:, 0] <= 0.0
     constant = jnp.maximum(contact.solref[:, 0], 2.0 * timestep)
     ratio = jnp.maximum(contact.solref[:, 1], 1e-3)
     stiffness = jnp.where(is_direct, -contact.solref[:, 0], 1.0 / (constant * ratio) ** 2)
     damping = jnp.where(is_direct, -contact.solref[:, 1], 2.0 / constant)
+    # Critical damping 2 √k is at most 1/h, at which a damper stops a body in one step.
     stiffness = jnp.minimum(stiffness, 0.25 / timestep**2)
     damping = jnp.clip(damping, 2.0 * jnp.sqrt(stiffness), 1.0 / timestep)
+    # (1 - d)/d of the impedance d: the share of the load that the row leaves to its spring.
     lets_by = 1.0 / jnp.maximum(contact.solimp[:, 0], 1e-4) - 1.0
+    # Largest acceleration of the spring, m/s².
     most = jnp.maximum(RISE * STILL * timestep * damping, BEARS * lets_by) * load
     stiffness = jnp.minimum(stiffness, most / jnp.maximum(touch.depth, 1e-9))
     solref = jnp.stack([-stiffness, -damping], axis=1)
+    # A contact this far away, m, makes no row.
     away = contact.includemargin + 1.0
     return contact.replace(
         dist=jnp.where(has_law & parts, away, contact.dist),

@@ -119,18 +119,10 @@ class MjxEngine(DescribesContact, SharedModelEngine):
             raise SceneError(
                 "model", got, "a model without", "`hcbench tune mjx` puts a law into its step"
             )
-        # The number of threads must be set before MJX starts XLA.
-        if device == "cpu" and in_worker():
-            os.environ.setdefault("NPROC", _THREADS)
-        # Read before a setting says otherwise.
-        exact = self._starts_in_64_bits()
-        bits = bits or (64 if exact else 32)
+        # Before anything else: JAX starts with what is set by then.
+        bits = self._configure_jax(bits, device)
         jax = self.backend.module("jax")
         mjx = self.backend.module("mujoco.mjx")
-        jax.config.update("jax_enable_x64", bits == 64)
-        # In the user's own process the cache is the user's choice.
-        if in_worker() and not jax.config.jax_compilation_cache_dir:
-            jax.config.update("jax_compilation_cache_dir", str(user_folder("cache") / "jax"))
         chosen = self._device(device)
         try:
             on_device = mjx.put_model(model, device=chosen)
@@ -146,10 +138,31 @@ class MjxEngine(DescribesContact, SharedModelEngine):
             _compiled(law or "step = mjx.step", radius, bits, model if _OWN in law else None),
         )
         if device:
+            # Bytes: of a CPU JAX gives no limit.
             memory = (chosen.memory_stats() or {}).get("bytes_limit") or free_memory()
-            each = sum(array.nbytes for array in jax.tree.leaves(empty))
-            copies.room = batch_in(memory, _WORKING * each)
+            of_state = sum(array.nbytes for array in jax.tree.leaves(empty))
+            copies.room = batch_in(memory, _WORKING * of_state)
         return copies
+
+    def _configure_jax(self, bits: int, device: str) -> int:
+        """Set the process's options of JAX, and return the bits of its numbers: the threads of a CPU,
+        the precision, and in a worker process the folder in which compiled functions are kept.
+
+        bits: 32 or 64; 0 for JAX's own. device: as of `copies`.
+        """
+        # The number of threads must be set before MJX starts XLA.
+        if device == "cpu" and in_worker():
+            os.environ.setdefault("NPROC", _THREADS)
+        # Read before a setting says otherwise.
+        starts_in_64_bits = self._starts_in_64_bits()
+        if not bits:
+            bits = 64 if starts_in_64_bits else 32
+        jax = self.backend.module("jax")
+        jax.config.update("jax_enable_x64", bits == 64)
+        # In the user's own process the cache is the user's choice.
+        if in_worker() and not jax.config.jax_compilation_cache_dir:
+            jax.config.update("jax_compilation_cache_dir", str(user_folder("cache") / "jax"))
+        return bits
 
     def require_device(self, device: str) -> None:
         """Raises CannotRun where JAX sees no such device."""
@@ -167,12 +180,14 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         return bool(self.backend.module("jax").config.jax_enable_x64)
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """MJX's solref for a bounce in one step."""
+        """MJX's solref for a bounce in one step, if the contact has an e and a step; with caveats."""
         e = contact.restitution
         h = contact.timestep
+        if e is None or h is None:
+            return Vocabulary(caveats=_CAVEATS)
         note = "bounces in one step; solimp 0.9 0.9 0.001 in float32"
-        rows = (SystemValue("MJX", "solref", (0.0, -(1.0 + e) / h), "", note),) if e and h else ()
-        return Vocabulary(rows, caveats=_CAVEATS)
+        value = SystemValue("MJX", "solref", (0.0, -(1.0 + e) / h), "", note)
+        return Vocabulary((value,), caveats=_CAVEATS)
 
 
 class _Functions(NamedTuple):
@@ -244,6 +259,7 @@ def _compiled(step_text: str, radius: float, bits: int, own: Any) -> _Functions:
     import jax.numpy as jnp
     from mujoco import mjx
 
+    # The lines find these names, and define `step` for one world.
     names: dict[str, Any] = {"jnp": jnp, "mjx": mjx, "R": radius, "model": own}
     exec(step_text, names)
     step = jax.vmap(names["step"], in_axes=(None, 0))
@@ -254,8 +270,10 @@ def _compiled(step_text: str, radius: float, bits: int, own: Any) -> _Functions:
         """
 
         def one(i: Any, carry: Any) -> Any:
-            data = step(model, carry[0])
-            return data, carry[1].at[i].set(jnp.concatenate([data.qpos, data.qvel], axis=1))
+            """Take step i, and record the state after it; carry: (data, path)."""
+            before, path = carry
+            data = step(model, before)
+            return data, path.at[i].set(jnp.concatenate([data.qpos, data.qvel], axis=1))
 
         path = jnp.zeros((_BUFFER, _PLACES, model.nq + model.nv), data.qpos.dtype)
         return jax.lax.fori_loop(0, steps, one, (data, path))
@@ -280,10 +298,13 @@ def _compiled(step_text: str, radius: float, bits: int, own: Any) -> _Functions:
             return ((now.end == 0).sum() > fewest) & (now.steps.max() < most)
 
         def one(carry: Any) -> Any:
-            data = step(model, carry[0])
+            """Take a step, and add it to the readings; carry: (data, reading)."""
+            before, now = carry
+            data = step(model, before)
             # The ball's free joint: its height and its velocity upwards.
-            height, rising = data.qpos[:, 2], data.qvel[:, 2]
-            return data, Reading(*add(height, rising, *rule, *carry[1]))
+            height = data.qpos[:, 2]
+            rising = data.qvel[:, 2]
+            return data, Reading(*add(height, rising, *rule, *now))
 
         return jax.lax.while_loop(goes_on, one, (data, reading))
 

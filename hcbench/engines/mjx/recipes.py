@@ -34,9 +34,11 @@ _LEAST_FRICTION = 1e-3
 
 def _coarser(options: Mapping[str, Any]) -> dict[str, Any]:
     """Options with an impedance d so far below 1 that float32 resolves 1 - d."""
-    rows = [
-        {**row, "solimp": [_IMPEDANCE, _IMPEDANCE, *row["solimp"][2:]]} for row in options["rows"]
-    ]
+    rows = []
+    for row in options["rows"]:
+        # The first two numbers of solimp are impedances.
+        solimp = [_IMPEDANCE, _IMPEDANCE, *row["solimp"][2:]]
+        rows.append({**row, "solimp": solimp})
     return {**options, "rows": rows}
 
 

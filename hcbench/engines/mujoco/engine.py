@@ -488,7 +488,13 @@ class MujocoEngine(
         like: DropTest | None = None,
         until_worse: bool = False,
     ) -> DropTest:
-        """Drop a robot that falls over parts of the world."""
+        """Drop a robot that falls over parts of the world, and judge how it lands.
+
+        source: a path, MJCF text, an MjModel or an MjSpec. requests: of the pairs of its feet. like:
+        a test whose length this one takes; None: long enough to come to rest. until_worse: one drop
+        is enough where something is worse in it than in all of `like`. Raises UserError where the
+        pairs are not of a robot that can fall.
+        """
         from hcbench.engines.mujoco.model.drop_test import landing
 
         return landing(_one_file(source), requests, like, until_worse)
@@ -517,8 +523,8 @@ class MujocoEngine(
 
 
 def _one_file(source: Any) -> Any:
-    """The one source of a list, or the MjData of (MjModel, MjData). Raises UserError for several
-    files, and for none.
+    """The one source that MuJoCo opens: the only one of a list, or the MjData of (MjModel, MjData);
+    what is no list or tuple, as it is. Raises UserError for several files, and for none.
     """
     if not isinstance(source, list | tuple):
         return source

@@ -87,7 +87,11 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
         return with_a_geom_each(super().script(scene, setting))
 
     def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
-        """MJCF, or a script of a user's own with a law in it."""
+        """Text of a setting to paste: the MJCF of its <pair>s, with a comment on the copies of the
+        geom that several need; with a law, a Python script whose step has the law.
+
+        form: "cup" for limits of a tendon, else <pair>s. pair: names of the two geoms.
+        """
         text = super().snippet(setting, form, pair)
         if self.law(setting) is not None:
             return _SCRIPT.format(text)
@@ -146,23 +150,21 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
         warp = self.backend.module("warp")
         if device == "gpu" and not warp.is_cuda_available():
             raise no_gpu(self.name, "Warp", "Install NVIDIA's driver")
-        return (
-            warp.get_device(device.replace("gpu", "cuda"))
-            if device
-            else warp.get_preferred_device()
-        )
+        if not device:
+            return warp.get_preferred_device()
+        return warp.get_device(device.replace("gpu", "cuda"))
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """MuJoCo Warp's solref for a bounce in one step."""
+        """MuJoCo Warp's solref for a bounce in one step, if the contact has an e and a step; with
+        caveats.
+        """
         e = contact.restitution
         h = contact.timestep
+        if e is None or h is None:
+            return Vocabulary(caveats=_CAVEATS)
         note = "without friction, bounces in one step; solimp 0.9999 0.9999 0.001"
-        rows = (
-            (SystemValue("MuJoCo Warp", "solref", (0.0, -(1.0 + e) / h), "", note),)
-            if e and h
-            else ()
-        )
-        return Vocabulary(rows, caveats=_CAVEATS)
+        value = SystemValue("MuJoCo Warp", "solref", (0.0, -(1.0 + e) / h), "", note)
+        return Vocabulary((value,), caveats=_CAVEATS)
 
 
 def with_a_geom_each(xml: str) -> str:
@@ -171,16 +173,21 @@ def with_a_geom_each(xml: str) -> str:
     xml: the MJCF with its <pair> elements. MuJoCo Warp keeps one pair of two geoms only.
     """
     root = ET.fromstring(xml)
-    holders = {
-        geom.get("name"): (body, geom) for body in root.iter() for geom in body.findall("geom")
-    }
-    for i, pair in enumerate(root.findall("contact/pair")[1:], 2):
+    # Each geom by its name, with the body that has it.
+    holders = {}
+    for body in root.iter():
+        for geom in body.findall("geom"):
+            holders[geom.get("name")] = (body, geom)
+    # Copies are numbered from 2 on.
+    for number, pair in enumerate(root.findall("contact/pair")[1:], 2):
         body, original = holders[pair.get("geom1")]
-        geom = copy.deepcopy(original)
-        geom.set("name", f"{pair.get('geom1')} {i}")
-        geom.attrib.update(mass="0", contype="0", conaffinity="0", group="3")
-        body.append(geom)
-        pair.set("geom1", geom.get("name", ""))
+        made = copy.deepcopy(original)
+        name = f"{pair.get('geom1')} {number}"
+        made.set("name", name)
+        # It collides by its pair alone, and viewers do not draw the group 3.
+        made.attrib.update(mass="0", contype="0", conaffinity="0", group="3")
+        body.append(made)
+        pair.set("geom1", name)
     return ET.tostring(root, encoding="unicode")
 
 
@@ -203,7 +210,10 @@ class WarpCopies(Copies):
         self._step = names["step"]
 
     def place(self, states: Floats) -> Floats:
-        """Put the copies into states (b, nq + nv), SI; returns them rounded to float32."""
+        """Put the copies into states, and return these rounded to float32, (b, nq + nv).
+
+        states: positions, then velocities, SI, (b, nq + nv). All else is as in the user's state.
+        """
         # `put_data` would send all arrays of all worlds; most are zero.
         self._data = self._engine.make_data(
             self._model, nworld=len(states), nconmax=self._most, njmax=self._most
@@ -241,20 +251,24 @@ class WarpCopies(Copies):
 
         read = _reading_kernel(warp)
         count = _counting_kernel(warp)
+        # All on the device: the readings, the numbers of the rule, and what the kernel takes.
         now = Reading(*map(warp.array, reading))
         constants = [warp.array(number) if number.ndim else number.item() for number in rule]
-        seen = [self._data.qpos, self._data.qvel, *constants, *now]
+        inputs = [self._data.qpos, self._data.qvel, *constants, *now]
         # Balls that go on, and the most steps of one.
         progress = warp.zeros(2, dtype=int)
 
         def take_steps() -> None:
+            """Take _LOOK steps, each with its reading, and count how far the balls are."""
             for _ in range(_LOOK):
                 self._take_step()
-                warp.launch(read, dim=self._data.nworld, inputs=seen)
+                warp.launch(read, dim=self._data.nworld, inputs=inputs)
             progress.zero_()
             warp.launch(count, dim=self._data.nworld, inputs=[now.end, now.steps, progress])
 
-        going, steps = np.count_nonzero(reading.end == 0), reading.steps.max()
+        # An end of 0: not ended.
+        going = np.count_nonzero(reading.end == 0)
+        steps = reading.steps.max()
         run = take_steps
         while going > fewest and steps < most:
             run()

@@ -31,9 +31,11 @@ def compliant_pairs(target: Target, integrator: str = "Euler") -> Mapping[str, A
     """MuJoCo's pairs, with adhesion as large as the contact's force:
     beside 1e6 N float32 loses that.
     """
+    # N: twice the force that stops the fastest impact within one step.
     enough = 2.0 * target.mass * target.speed_max / target.timestep
 
     def held(options: Mapping[str, Any]) -> dict[str, Any]:
+        """The options with no row's adhesion above `enough`."""
         rows = [{**row, "adhesion": min(enough, row["adhesion"])} for row in options["rows"]]
         return {**options, "rows": rows}
 

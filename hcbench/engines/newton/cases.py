@@ -56,6 +56,7 @@ class NewtonBodies:
         """
         self.h = world["timestep"]
         builder = self.builder
+        # e of the bodies, and of the floor.
         e, floor = world.get("materials", [world.get("restitution")] * 2)
         if self.combine is None and ((e and not self.has_pairs) or "materials" in world):
             raise NotImplementedError("has no restitution")
@@ -67,10 +68,12 @@ class NewtonBodies:
         builder.begin_world(gravity=world["gravity"])
         first = builder.shape_count
         for body in world["bodies"]:
+            # A shape's body, -1 for the world, and its place there: x y z, and no turn.
             i, at = -1, (*body["position"], 0, 0, 0, 1)
             if not body.get("fixed"):
                 i = builder.add_body(xform=at, custom_attributes=self.of_body)
                 at = (0.0,) * 6 + (1.0,)
+                # Of the free joint that the body just got.
                 builder.joint_qd[-6:] = [*body["velocity"], *body["spin"]]
             self._shape(i, at, body, builder.ShapeConfig(restitution=e, **common))
         if world["floor"]:
@@ -102,6 +105,7 @@ class NewtonBodies:
         i: number of Newton's body, -1 for the world itself. at: its place in the body, x y z and
         quaternion. body: of the case, SI. cfg: Newton's ShapeConfig, whose density is set here.
         """
+        # Half sizes, m; of a mesh its largest coordinates, as of the box around it.
         size = body.get("half", [body.get("radius")] * 3)
         if body["shape"] == "mesh":
             size = np.max(body["vertices"], axis=0)
@@ -121,6 +125,7 @@ class NewtonBodies:
 
         pair: numbers of the two shapes. e: restitution. mu: friction; 0 for a contact without.
         """
+        # The impedance: a soft row where friction would change a bounce, else a stiff one.
         share = 1e-4 if e and mu else 0.9999
         values: dict[str, Any] = {"geom1": pair[0], "geom2": pair[1], "condim": 3 if mu else 1}
         values |= {
@@ -144,7 +149,9 @@ class NewtonBodies:
         # Contacts that there is room for: Newton's default is 1000 for one world.
         model.rigid_contact_max = 16 * self.worlds
         self.stepper = self.solver(model, **self.options)
+        # The states before and after a step.
         self.at, self.after = model.state(), model.state()
+        # Places of the bodies from those of their joints.
         newton.eval_fk(model, model.joint_q, model.joint_qd, self.at)
         self.capture()
 

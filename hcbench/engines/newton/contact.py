@@ -69,6 +69,8 @@ def restitution(solver: Any, pairs: Pairs) -> Step:
 
         Raises UserError for values of another shape.
         """
+        # Within its step the solver calls this method for MuJoCo Warp's: for one step the object
+        # gets one of its own, which goes before that of its class.
         own = solver._mujoco_warp_step
         solver._mujoco_warp_step = lambda: impacts.step(
             own, solver.mjw_model, solver.mjw_data, values
@@ -83,17 +85,23 @@ def restitution(solver: Any, pairs: Pairs) -> Step:
 
 
 def _names(solver: Any) -> Names:
-    """Ids of the geoms of each label of a shape or body, and of its last part; and of "world"."""
+    """Numbers of MuJoCo's geoms, (n,), by the names that users may write: labels of shapes and of
+    bodies, the last part of each after its slashes, and "world" for what is fixed.
+
+    solver: Newton's SolverMuJoCo.
+    """
     model = solver.model
+    # Newton's shape of each of MuJoCo's geoms, of the first world: all are alike.
     shapes = solver.mjc_geom_to_newton_shape.numpy()[0]
     bodies = model.shape_body.numpy()
     names: dict[str, list[int]] = {"world": []}
     for geom, shape in enumerate(shapes):
+        # Newton's body of what is fixed is -1.
         body = bodies[shape]
         owner = "world" if body < 0 else model.body_label[body]
         label = model.shape_label[shape]
-        for name in dict.fromkeys(
-            (owner, owner.rpartition("/")[2], label, label.rpartition("/")[2])
-        ):
+        known_as = (owner, owner.rpartition("/")[2], label, label.rpartition("/")[2])
+        # Each name once: many have no slashes.
+        for name in dict.fromkeys(known_as):
             names.setdefault(name, []).append(geom)
     return {name: np.array(geoms) for name, geoms in names.items()}

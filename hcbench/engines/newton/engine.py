@@ -68,30 +68,48 @@ class NewtonEngine(DescribesContact, ScriptedWorldsEngine[NewtonOptions]):
     )
 
     def lines(self, options: NewtonOptions, scene: Scene) -> str:
-        """Lines of Python: shapes, worlds, solver, and what it does before a step.
+        """Lines of Python that build a model of many worlds with the contact or the law of a setting,
+        choose a solver, and define its step.
 
+        options: the setting's. scene: not used: its numbers are names that the lines find.
         Raises SettingError for an e without XPBD, and for a law or rows without SolverMuJoCo.
         """
+        # Name of the solver, keywords of both shapes, lines of contact pairs.
         solver, values, contact = _parts(options)
-        mujoco = solver == "MuJoCo"
+        is_mujoco = solver == "MuJoCo"
         by_force = isinstance(options.law, HuntCrossley)
-        # With a mu of 0 the states of SolverMuJoCo are NaN. The mass is that of the body.
-        shape = {"density": 0.0, **values} if mujoco else {"mu": 0.0, "density": 0.0, **values}
+        # The mass is that of the body.
+        shape = {"mu": 0.0, "density": 0.0, **values}
+        # Bodies have their state as such, or as joints; and some solvers find contacts themselves.
+        kind = "body"
+        contacts = "collisions.contacts()"
+        reset = ""
+        if is_mujoco:
+            # With a mu of 0 the states of SolverMuJoCo are NaN.
+            del shape["mu"]
+            kind = "joint"
+            contacts = "None"
+            reset = "\n    solver.reset(now)  # else it starts from the last accelerations"
         step = "solver.step"
         if isinstance(options.law, Restitution):
             step = 'restitution(solver, {("ball", "plate"): curve})'
+        hook = ""
+        call = ""
+        # The law's force takes the place of contacts.
+        if by_force:
+            contacts = "None"
+            hook = _FORCE
+            call = "\n    before_step()"
         return _LINES.format(
             shape=_SHAPE.format(arguments(shape)),
             contact=contact or _SHAPES,
             solver=_solver(solver, values),
             take_step=step,
-            contacts="None" if mujoco or by_force else "collisions.contacts()",
-            kind="joint" if mujoco else "body",
-            reset="\n    solver.reset(now)  # else it starts from the last accelerations"
-            if mujoco
-            else "",
-            hook=_FORCE if by_force else "",
-            call="\n    before_step()" if by_force else "",
+            contacts=contacts,
+            kind=kind,
+            reset=reset,
+            hook=hook,
+            call=call,
         )
 
     def paste(self, options: NewtonOptions, timestep: str) -> str:
@@ -104,30 +122,32 @@ class NewtonEngine(DescribesContact, ScriptedWorldsEngine[NewtonOptions]):
         return "\n".join(filter(None, (shape, contact, _solver(solver, values), hook)))
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """Newton's restitution, ke and kd of a contact."""
+        """One contact in Newton's parameters: its restitution, and with a contact time ke and kd;
+        caveats alone for a contact without an e.
+        """
+        caveats = ("Newton's SolverXPBD needs enable_restitution, and averages both e.",)
         e = contact.restitution
-        note = "on both shapes, with enable_restitution"
-        rows = (
-            [SystemValue("Newton", "restitution", (e,), "", f"{contact.at}; {note}")] if e else []
-        )
-        if e and contact.contact_time is not None:
+        if e is None:
+            return Vocabulary(caveats=caveats)
+        note = f"{contact.at}; on both shapes, with enable_restitution"
+        values = [SystemValue("Newton", "restitution", (e,), "", note)]
+        if contact.contact_time is not None:
+            # Of unit mass: SolverMuJoCo's numbers are per mass.
             law = kv.matched(e, contact.contact_time, 1.0, kv.Ending.FORCE)
+            numbers = (law.stiffness, law.damping)
             note = "SolverMuJoCo, for every mass; SolverSemiImplicit reads N/m and N s/m"
-            rows.append(
-                SystemValue("Newton", "ke, kd", (law.stiffness, law.damping), "1/s², 1/s", note)
-            )
-        return Vocabulary(
-            tuple(rows),
-            caveats=("Newton's SolverXPBD needs enable_restitution, and averages both e.",),
-        )
+            values.append(SystemValue("Newton", "ke, kd", numbers, "1/s², 1/s", note))
+        return Vocabulary(tuple(values), caveats=caveats)
 
 
 def _parts(options: NewtonOptions) -> tuple[str, dict[str, float], str]:
-    """(name of the solver, what the setting gives both shapes, lines of contact pairs); "" for none.
+    """(name of the solver, keywords that the setting gives both shapes, lines of contact pairs, "" for
+    none).
 
     Raises SettingError for an e without XPBD, and for a law or rows without SolverMuJoCo.
     """
     solver = options.solver or "XPBD"
+    # A law chooses the solver: a force pushes the bodies of SemiImplicit, without contacts.
     if isinstance(options.law, HuntCrossley):
         solver = "SemiImplicit"
     if isinstance(options.law, Restitution):

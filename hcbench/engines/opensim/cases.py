@@ -49,8 +49,9 @@ class OpensimBodies:
             self.model.addContactGeometry(ball)
             force.addGeometry(f"ball{i}")
             self.moving.append(made)
+            # The six coordinates of a free joint: angles, then x y z; and their speeds.
             places = [0, 0, 0, *body["position"]]
-            speeds = body["spin"] + body["velocity"]
+            speeds = [*body["spin"], *body["velocity"]]
             starts.append((joint, [*zip(places, speeds, strict=True)]))
         if world["floor"]:
             upwards = osim.Vec3(0, math.pi / 2, 0)  # the half space's normal is -x of its frame

@@ -141,9 +141,13 @@ class FittedImpacts:
         """e that Bullet delivers at each impact, (b, n), of b sets of contacts, (b, contacts)."""
         # Few launches at a time, rounded up.
         blocks = -(-len(self.speeds) // _BLOCK)
-        split = (np.array_split(of, blocks) for of in (self.speeds, self.phases))
-        parts = [replace(self, speeds=v, phases=phase) for v, phase in zip(*split, strict=True)]
-        return np.concatenate([part._restitution(contacts) for part in parts], axis=1)
+        speeds = np.array_split(self.speeds, blocks)
+        phases = np.array_split(self.phases, blocks)
+        parts = []
+        for of_speeds, of_phases in zip(speeds, phases, strict=True):
+            part = replace(self, speeds=of_speeds, phases=of_phases)
+            parts.append(part._restitution(contacts))
+        return np.concatenate(parts, axis=1)
 
     def _restitution(self, contacts: Contacts) -> Floats:
         """e that Bullet delivers at each impact, (b, n), with all impacts at once.
@@ -163,11 +167,14 @@ class FittedImpacts:
         # Depth, m, and its rate, m/s, (b, n): before the touch by the phase of a step.
         x = np.tile(-self.phases * h * self.speeds, (k.shape[1], 1))
         v = np.tile(self.speeds - self.phases * fall, (k.shape[1], 1))
+        # The squared speed at the plane: semi-implicit Euler conserves it in flight with the rate of
+        # half a step later.
         before = (v + fall / 2) ** 2 - 2 * self.g * x
         for _ in range(self.steps):
             depth = x - onset
             spring = k * np.maximum(depth, 0.0)
             damper = np.where(depth > 0, c, 0.0)
+            # Launches that have parted stay as they are.
             parted = (x <= 0) & (v < 0)
             v = np.where(parted, v, _rate_after(v + fall, spring, damper))
             x = np.where(parted, x, x + h * v)
@@ -221,23 +228,26 @@ class _Loops:
         for speed in speeds.tolist():
             x = float(closed_form.penetration_max(law, mass, speed)) * np.sin(angle)
             largest = float(closed_form.force_max(law, mass, speed))
+            # A point's part of the depth is cos(angle) of its part of the angle; half of each loop
+            # is a branch.
             scale = np.sqrt(np.cos(angle) * np.pi / 4 / _POINTS / len(speeds)) / largest
             for branch in ("approach", "rebound"):
                 v = closed_form.rate_at(law, mass, speed, x, branch)
                 force = law.force(x, v)
-                columns.append((x, v - h * force / mass, force, scale))
+                rate_at_end = v - h * force / mass
+                columns.append((x, rate_at_end, force, scale))
         return cls(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
     def misfit(self, contacts: Contacts) -> Floats:
         """Errors of the summed force of b sets of contacts, (b, contacts), at the loops' points, as
         weighted shares of the largest force, (b, n).
         """
-        # m, (b, n, contacts).
+        # Depth of each point in each contact, m, and the contact's force there, N, (b, n, contacts).
         depth = self.x[:, None] - contacts.onset[:, None]
         each = contacts.stiffness[:, None] * depth + contacts.damping[:, None] * self.v[:, None]
-        return np.asarray(
-            (np.where(depth > 0, np.maximum(0.0, each), 0.0).sum(-1) - self.force) * self.scale
-        )
+        # A contact acts from its onset on, and does not pull.
+        pushes = np.where(depth > 0, np.maximum(0.0, each), 0.0)
+        return np.asarray((pushes.sum(-1) - self.force) * self.scale)
 
     def first_guess(self, onset: Floats, step: float) -> Contacts:
         """Contacts with given onsets whose summed force is near the loops', to start a search from.
@@ -250,9 +260,11 @@ class _Loops:
         # SciPy's optimisation is slow to import, and a list of recipes needs none of it.
         from scipy.optimize import nnls
 
+        # Of each point in each contact, (points, contacts), 0 before its onset: m and m/s.
         depth = np.maximum(0.0, self.x[:, None] - onset)
         rate = np.where(depth > 0, self.v[:, None], 0.0)
         pushes = depth > 0
+        # More rounds change hardly which contacts push where.
         for _ in range(8):
             # A column for each stiffness, then one for each damping, (points, 2 contacts); scaled
             # to length 1 for the fit.
@@ -261,9 +273,11 @@ class _Loops:
             solution = nnls(columns / unit, self.force * self.scale, maxiter=10_000)[0] / unit
             k, c = np.split(solution, 2)
             pushes = (depth > 0) & (k * depth + c * rate > 0)
-        least = _FAINTEST * np.median(c)
-        k = np.maximum(k, max(_FAINTEST * np.median(k), 1e-3 * k.max()))
-        return Contacts(onset, k, np.maximum(c, np.maximum(least, 1e-3 * step * k)))
+        least_k = max(_FAINTEST * np.median(k), 1e-3 * k.max())
+        least_c = _FAINTEST * np.median(c)
+        k = np.maximum(k, least_k)
+        c = np.maximum(c, np.maximum(least_c, 1e-3 * step * k))
+        return Contacts(onset, k, c)
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,11 +298,12 @@ class _Misfit:
     @staticmethod
     def contacts(parameters: Floats) -> Contacts:
         """Contacts of parameters of the search, (b, 3 contacts - 1); the first begins at depth 0."""
-        rows = (parameters.shape[-1] + 1) // 3
-        k, c, apart = np.split(np.exp(parameters), [rows, 2 * rows], axis=-1)
-        return Contacts(
-            np.cumsum(np.concatenate([0.0 * k[..., :1], apart], axis=-1), axis=-1), k, c
-        )
+        count = (parameters.shape[-1] + 1) // 3
+        k, c, apart = np.split(np.exp(parameters), [count, 2 * count], axis=-1)
+        # The distances between onsets, m, from the first one at 0 on.
+        first = 0.0 * k[..., :1]
+        onset = np.cumsum(np.concatenate([first, apart], axis=-1), axis=-1)
+        return Contacts(onset, k, c)
 
     @staticmethod
     def parameters(contacts: Contacts) -> Floats:
@@ -306,8 +321,10 @@ class _Misfit:
         """
         made = self.contacts(parameters)
         error = (self.launches.restitution(made) - self.wanted) / self.unit
+        # Over √n, so that the sum of squares is a mean.
         of_e = np.sign(error) * np.abs(error) ** power / np.sqrt(error.shape[1])
-        return np.concatenate([of_e, self.loops.misfit(made) / (_FORCE_SHARE * self.unit)], axis=1)
+        of_force = self.loops.misfit(made) / (_FORCE_SHARE * self.unit)
+        return np.concatenate([of_e, of_force], axis=1)
 
     def jacobian(self, parameters: Floats, power: int) -> Floats:
         """Jacobian of `residuals` at one point: (residuals, parameters)."""
@@ -376,9 +393,11 @@ def fit_contacts(
             fits.append(misfit.fitted(start, search.record))
     # The best is the one with the smallest largest error of e at speeds between those of the fit.
     of_law = closed_form.restitution(law.alpha, others.speeds)
-    error = others.restitution(misfit.contacts(np.array(fits))) - of_law
+    error = others.restitution(misfit.contacts(np.array(fits))) - of_law  # (fits, launches)
+    # The progress is full, though a fit may have needed fewer evaluations.
     search.add(len(_FIRST_TRIED) * len(_POWERS) * _EVALUATIONS)
-    return misfit.contacts(fits[int(np.abs(error).max(axis=1).argmin())])
+    best = int(np.abs(error).max(axis=1).argmin())
+    return misfit.contacts(fits[best])
 
 
 # PyBullet: delivers exactly the restitution that is set.
@@ -486,7 +505,10 @@ def staggered(target: Target) -> dict[str, Any]:
 
 
 def _options(timestep: float, contacts: Contacts) -> dict[str, Any]:
-    """Options of a setting with given contacts, (n,), at a time step, s, as links of the ball."""
+    """Options of a setting whose ball has a link for each contact.
+
+    timestep: h, s. contacts: (n,), with dampings c of the law on the rate at a step's end.
+    """
     # Bullet adds k h by itself.
     damping = contacts.damping - timestep * contacts.stiffness
     columns = (contacts.onset.tolist(), contacts.stiffness.tolist(), damping.tolist())

@@ -90,6 +90,7 @@ def _load(
     bullet.setGravity(0.0, 0.0, -GRAVITY)
     bullet.setTimeStep(timestep)
     kinds = bullet.module
+    # A body of mass 0 does not move.
     plane = bullet.createMultiBody(0, bullet.createCollisionShape(kinds.GEOM_PLANE))
     if body.shape == "sphere":
         shape = bullet.createCollisionShape(kinds.GEOM_SPHERE, radius=body.half_sizes[0])

@@ -266,7 +266,11 @@ class PairSearch(ReboundSearch[FootContact]):
 
 
 def advice(model: Any) -> tuple[str, ...]:
-    """Sentences on options of a model by which its feet cannot hold, before anything else is tuned."""
+    """Sentences on options of a model by which its feet cannot hold, before anything else is tuned; so
+    far one, on a solver that stops too soon.
+
+    model: compiled, as the user has it.
+    """
     sentences = []
     if model.opt.iterations < _ITERATIONS:
         count = int(model.opt.iterations)
@@ -328,6 +332,7 @@ def rebound_settings(
     search = PairSearch(source, requests, before, target)
 
     def settings(contacts: Iterator[FootContact]) -> Iterator[ModelSetting]:
+        """Yield each contact that a search finds, written into the model."""
         for contact in contacts:
             yield _setting(source, requests, contact)
 

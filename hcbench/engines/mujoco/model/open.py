@@ -149,8 +149,8 @@ class LaunchWorkspace:
 
     @classmethod
     def of(cls, opened: OpenedModel, data: Any) -> Self:
-        """The workspace for launches of a model that take turns in `data`; only what they need beside
-        it is made.
+        """Make the workspace for launches of a model that take turns in `data`; of the optional parts
+        only what the model needs: those for RK4, and for a plug-in's law that turns the pair back.
         """
         mujoco = backend()
         model = opened.model

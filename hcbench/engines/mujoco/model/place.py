@@ -181,7 +181,11 @@ def _by_some_joint(
 
 
 def _is_strained(placed: PairAtTouch) -> bool:
-    """Say whether a joint of what moves is far beyond its limit at touch."""
+    """Say whether a joint of the mover, with which a pair was brought to touch, is far beyond its
+    limit there.
+
+    placed: the pair at touch.
+    """
     model = placed.pair.model
     at_touch = backend().MjData(model)
     at_touch.qpos[:] = placed.qpos

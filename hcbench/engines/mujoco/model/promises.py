@@ -293,7 +293,9 @@ def _corners(promise: Promise, points: int) -> Iterator[Suspect]:
 
 
 def _override(model: Any) -> Iterator[Suspect]:
-    """Suspect the flag that replaces solref and solimp of every contact, if it is set."""
+    """Suspect the flag override, which replaces solref and solimp of every contact, if a model sets
+    it; at most one suspect.
+    """
     flag = int(backend().mjtEnableBit.mjENBL_OVERRIDE)
     if not model.opt.enableflags & flag:
         return

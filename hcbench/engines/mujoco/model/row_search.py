@@ -94,9 +94,10 @@ _LEGS_LOWEST = np.array([1.5, -6.0, 0.0, *_LOWEST[3:]])
 
 
 def starting_rows(adhesive: bool) -> Rows:
-    """Rows of the kind that is searched for, before any are found.
+    """A spring row and a damper row, of the kind that is searched for, before any are found.
 
-    adhesive: whether they may pull.
+    adhesive: whether the damper may pull. Their numbers are middling ones: they only hold other feet
+    up while the rows of one kind of foot are searched.
     """
     return (
         ConstraintRow.direct(2e4, 100.0, (0.999, 0.999, 1.0, 0.5, 1.0)),

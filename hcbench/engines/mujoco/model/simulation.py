@@ -258,8 +258,9 @@ class MujocoFlight:
         NaN where MuJoCo found the state unstable and reset it.
         """
         data = self._data
+        # The state before the step, with its contacts and forces. RK4 leaves others in `data`.
         seen = self._seen
-        before = self._before
+        before = self._before  # its velocities
         reader = self._reader
         if self._staged:
             copy_state(self._model, data, seen)
@@ -274,6 +275,7 @@ class MujocoFlight:
         if data.time <= time_before or (self._steps == 1 and resets(data)):
             unknown = None if self._along is None else np.full(TANGENTIAL_ROWS, math.nan)
             return _Step(math.nan, math.nan, math.nan, math.nan, unknown)
+        # m, N and m/s; no penetration without a contact.
         x, force, rate = reader.read(seen, before)
         if x is not None:
             force = self._force(force, seen)

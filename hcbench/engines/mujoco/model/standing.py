@@ -424,11 +424,15 @@ class _ForceAtTouch:
     """
 
     def __init__(self, opened: OpenedModel, data: Any) -> None:
-        """Add up the forces of all contacts of the pair.
+        """Add up the forces of all contacts of the pair; without one they are 0, and the point is that
+        of the touch.
 
-        data: MjData after a step or mj_forward.
+        opened: the model with the pair. data: MjData after a step or mj_forward. The axes are those
+        of the last contact: all lie in one plate.
         """
+        # 1 for geoms of the first part, 2 for those of the second, else 0.
         sides = opened.place.pair.sides
+        # Of one contact, in its own frame: force along the normal and two tangents, N, then torques.
         wrench = np.zeros(6)
         self.normal = 0.0
         self.along = np.zeros(3)
@@ -446,9 +450,10 @@ class _ForceAtTouch:
             self.normal += float(wrench[0])
             self.along += sign * (wrench[1] * frame[1] + wrench[2] * frame[2])
             point += float(wrench[0]) * contact.pos
-        self.point: Floats = (
-            point / self.normal if self.normal > 0.0 else opened.place.contact.point
-        )
+        self.point: Floats = opened.place.contact.point
+        if self.normal > 0.0:
+            # The mean of the points, by their forces.
+            self.point = point / self.normal
 
 
 def carried_by(opened: OpenedModel) -> Carried:

@@ -16,6 +16,7 @@ from hcbench.sim.model_under_test import Request
 from hcbench.sim.packages import suggest_names
 from hcbench.sim.touch import JointBeyondLimit, require_no_joint_beyond
 from hcbench.system.errors import QuantityError, SceneError, UserError
+from hcbench.system.text import sanitized
 from hcbench.terms.bounds import admits_beyond_bounds, require_bounds
 from hcbench.terms.impact import Floats
 from hcbench.terms.units import STANDARD_GRAVITY
@@ -209,6 +210,8 @@ def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> None:
     Raises UserError for another name, and for another number of values.
     """
     names = [joint_name(model, j) for j in range(model.njnt)]
+    # `joint_name` and `body_name` give them sanitized.
+    name = sanitized(name)
     joint = names.index(name) if name in names else _free_joint(model, name)
     if joint is not None:
         address = model.jnt_qposadr[joint]

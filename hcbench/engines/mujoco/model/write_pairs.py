@@ -610,7 +610,10 @@ def slip_under_load(solref: Sequence[float], solimp: Sequence[float], impedance:
 
 
 def mass_note(place: PairAtTouch) -> list[str]:
-    """A list of one note on the effective mass, if both bodies of a pair move; else empty."""
+    """A list of one sentence on the effective mass, if both bodies of a pair move; else empty.
+
+    place: the pair at touch.
+    """
     model = place.pair.model
     bodies = (place.pair.first.body, place.pair.second.body)
     if not all(model.body_weldid[body] for body in bodies):

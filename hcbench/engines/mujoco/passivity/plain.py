@@ -539,13 +539,16 @@ def _growth(model: Any, data: Any, seconds: float) -> float:
 
 
 def boxes(contact: Contact, options: Stepping) -> Iterator[Finding]:
-    """Boxes that fall on face, edge and vertex."""
+    """Yield a finding for each box that falls on its face, an edge or a vertex, at each speed: by
+    which factor its energy grew at most, against the factor that is allowed.
+
+    contact: of the box with the plane. options: of the plain model.
+    """
     model = contact.with_boxes(options)
     for attitude, speed in itertools.product(_ATTITUDES, _BOX_SPEEDS):
         grew = box_growth(model, attitude, speed)
-        yield Finding(
-            f"box on {attitude} at {speed:g} m/s", str(options), grew, MOST_ENERGY, "x energy"
-        )
+        name = f"box on {attitude} at {speed:g} m/s"
+        yield Finding(name, str(options), grew, MOST_ENERGY, "x energy")
 
 
 def certify(
@@ -593,7 +596,7 @@ def certify(
 def _rolling(contact: Contact, options: Stepping) -> float:
     """Let a ball roll for _ROLL_S s, and return its kinetic energy at the end over that at the start.
 
-    options: of the plain model.
+    contact: of the ball with the plane. options: of the plain model.
     """
     model = contact.with_ball(options)
     data = backend().MjData(model)

@@ -269,7 +269,11 @@ def _element(spec: Any, kind: str, name: str) -> Any:
 
 
 def _warn_of_shapes(geoms: Sequence[Any]) -> None:
-    """Warn of geoms whose contact MuJoCo finds less exactly than a stiff force law needs."""
+    """Warn of geoms whose contact MuJoCo finds less exactly than a stiff force law needs, by a
+    ContactAccuracyWarning for each: meshes, height fields and distance fields.
+
+    geoms: of a spec.
+    """
     mujoco = backend()
     for geom in geoms:
         for shape, words in _INEXACT.items():
@@ -315,7 +319,9 @@ def hertz_stiffness(
 
 
 def attach(*_: Any, **__: Any) -> NoReturn:
-    """Gone: the law is part of the model now."""
+    """Raise SettingError with what takes the place of this function of earlier versions: the law is
+    part of the model now.
+    """
     raise SettingError(
         "attach",
         "gone: the law is a plug-in of the model, which copies, saved models and threads keep",
@@ -370,13 +376,18 @@ def extension(law: Law, pair: Mapping[str, str], friction: float = 0.0) -> ET.El
 
 
 def law_instances(law: Law, pairs: Sequence[Pair]) -> str:
-    """One instance of a law for each pair of geoms, as MJCF."""
-    made = [extension(law, dict(zip(("geom1", "geom2"), pair, strict=True))) for pair in pairs]
-    for i, each in enumerate(made):
-        named_one = each.find("plugin/instance")
-        assert named_one is not None
-        named_one.set("name", f"contact{i}")
-    return "".join(as_text(each) for each in made)
+    """MJCF text of one plug-in instance of a law for each pair, each in an <extension> of its own.
+
+    pairs: names of two geoms each. The instances are called "contact0", "contact1" and so on.
+    """
+    text = ""
+    for i, (first, second) in enumerate(pairs):
+        made = extension(law, {"geom1": first, "geom2": second})
+        instance = made.find("plugin/instance")
+        assert instance is not None
+        instance.set("name", f"contact{i}")
+        text += as_text(made)
+    return text
 
 
 def law_snippet(law: Law, form: str, pair: Pair = PAIR, friction: float = 0.0) -> str:

@@ -346,7 +346,11 @@ class _Goal(ctypes.Structure):
 
     @classmethod
     def of(cls, fit: RowFit) -> _Goal:
-        """The goal of a fit for C; its pointers are valid as long as the object that is returned."""
+        """The goal of a fit as row_errors.c reads it; its pointers are valid as long as the object that
+        is returned.
+
+        fit: launches, bounds and costs, in units of the step and the band's highest speed.
+        """
         arrays = [
             np.ascontiguousarray(each, dtype=np.float64)
             for each in (fit.speeds, fit.phases, fit.target)
@@ -375,7 +379,9 @@ class _Goal(ctypes.Structure):
 
 @functools.cache
 def _library() -> ctypes.CDLL | None:
-    """Compile and load the fit's errors in C; None where that cannot be done."""
+    """Compile and load `row_errors`, which computes the errors of settings in C; None where that
+    cannot be done.
+    """
     try:
         library = ctypes.CDLL(str(build("engines/mujoco/recipes/row_errors.c")))
     # Without a compiler or on a full disk NumPy does it.

@@ -10,7 +10,7 @@ problem, a non-negative least-squares fit.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -243,6 +243,41 @@ class _Fit:
     misfit: float
 
 
+@dataclass(frozen=True)
+class _Shares:
+    """What each row adds to the acceleration apart at n penetrations, for a strength of 1.
+
+    springs: acceleration of each, m/s², with S = 1/s², (n, springs). dampings: acceleration over
+    rate of each damper, 1/s, with D = 1/s, (n, dampers). offset: acceleration that the springs give
+    less in all than their strengths say, m/s², (n,).
+    """
+
+    springs: Floats
+    dampings: Floats
+    offset: Floats
+
+    @classmethod
+    def of(cls, band: Band, dampers: Sequence[Damper], knots: Floats) -> Self:
+        """Shares at the penetrations of the band's grid.
+
+        knots: onsets of the springs, m, rising from 0. Rows of weights w give together Σ w a_ref/(1 +
+        Σ w). A spring acts from where it asks for more than the others give, so its line starts at
+        their acceleration there.
+        """
+        x = band.grid()
+        # (n, springs): the springs that a penetration has passed.
+        behind = x[:, None] > knots
+        # Weights w of the dampers, (n, dampers), and 1/(1 + Σ w) over all rows, (n,).
+        weights = np.array([d.weight(x) for d in dampers]).reshape(len(dampers), len(x)).T
+        share = 1.0 / (1.0 + weights.sum(axis=1) + _SPRING_WEIGHT * behind.sum(axis=1))
+        depth = np.maximum(0.0, x[:, None] - knots)
+        return cls(
+            springs=_SPRING_WEIGHT / MIN_IMPEDANCE * depth * share[:, None],
+            dampings=weights / np.array([d.solimp[1] for d in dampers]) * share[:, None],
+            offset=_SPRING_WEIGHT * (behind * band.elastic(knots)).sum(axis=1) * share,
+        )
+
+
 def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floats) -> _Fit:
     """Fit the strengths of springs and dampers together, so that the force is near the law's at every
     penetration, and e nearer still.
@@ -260,18 +295,8 @@ def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floa
     x = band.grid()
     a = band.law.dissipation
     f = band.elastic(x)
-    # (grid, springs): the springs that a penetration has passed.
-    behind = x[:, None] > knots
-    # Weights w of the dampers, (grid, dampers), and 1/(1 + Σ w) over all rows, (grid,): by it each
-    # row's acceleration counts in MuJoCo's sum.
-    weights = np.array([d.weight(x) for d in dampers]).reshape(len(dampers), len(x)).T
-    share = 1.0 / (1.0 + weights.sum(axis=1) + _SPRING_WEIGHT * behind.sum(axis=1))
-    # A spring starts to act when it asks for more than the others give: its line starts there.
-    already = _SPRING_WEIGHT * (behind * band.elastic(knots)).sum(axis=1) * share
-    # What each row adds for a strength of 1: acceleration of a spring with S = 1/s², and damping,
-    # 1/s, of a damper with D = 1/s.
-    springs = _SPRING_WEIGHT / MIN_IMPEDANCE * np.maximum(0.0, x[:, None] - knots) * share[:, None]
-    damping = weights / np.array([d.solimp[1] for d in dampers]) * share[:, None]
+    shares = _Shares.of(band, dampers, knots)
+    # Errors of the force are relative, but below the band's lowest penetration absolute.
     scale = np.maximum(f, band.elastic(np.asarray(band.low)))
     span = max(np.log(band.top / band.low), 0.5)
     # Each penetration counts by its share of the band's logarithm.
@@ -285,12 +310,13 @@ def _fit(band: Band, dampers: Sequence[Damper], knots: Floats, sensitivity: Floa
     no_spring = np.zeros((len(x), len(knots)))
     left = np.block(
         [
-            [springs * force, no_damper],
-            [no_spring, damping * rate],
-            [-a * to_e @ springs, to_e @ damping],
+            [shares.springs * force, no_damper],
+            [no_spring, shares.dampings * rate],
+            [-a * to_e @ shares.springs, to_e @ shares.dampings],
         ]
     )
-    right = np.concatenate([(f - already) * force[:, 0], a * f * rate[:, 0], a * to_e @ already])
+    elastic = (f - shares.offset) * force[:, 0]
+    right = np.concatenate([elastic, a * f * rate[:, 0], a * to_e @ shares.offset])
     solution, misfit = nonnegative_fit(left, right)
     stiffness, dampings = np.split(solution, [len(knots)])
     return _Fit(knots, dampers, stiffness, dampings, misfit)

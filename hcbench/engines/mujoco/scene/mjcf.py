@@ -153,7 +153,9 @@ _HIDDEN = "3"
 
 
 def model_path(scene: Scene) -> Path:
-    """Path of the scene's MJCF. Raises SceneError without one."""
+    """Path of the MJCF file that a scene names for MuJoCo; it need not exist. Raises SceneError for a
+    scene without one.
+    """
     try:
         return scene.models["mujoco"]["scene"]
     except KeyError:
@@ -301,7 +303,11 @@ def _write_friction(root: ET.Element, scene: Scene, path: Path, in_rows: bool) -
 
 
 def add_acceleration_sensor(root: ET.Element) -> None:
-    """Add a sensor to an MJCF, as the last one: the ball's acceleration without gravity's, m/s²."""
+    """Add a sensor to an MJCF, as the last one: the ball's acceleration without gravity's, m/s², three
+    numbers, as an accelerometer feels it.
+
+    root: changed.
+    """
     ET.SubElement(
         ET.SubElement(root, "sensor"),
         "framelinacc",

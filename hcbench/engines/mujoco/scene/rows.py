@@ -349,7 +349,9 @@ class SoftConstraint:
     clamped: bool = True
 
     def impedance(self, x: float) -> float:
-        """Impedance d at a penetration x, m: a power sigmoid from d0 at touch to dwidth."""
+        """Impedance d at a penetration x, m, of either sign, as MuJoCo computes it: a power sigmoid from
+        d0 at touch to dw at the width; the mean of the two without a width.
+        """
         d0, dw, width, midpoint, power = self._solimp()
         if width <= _MINVAL or d0 == dw:
             return 0.5 * (d0 + dw)
@@ -373,7 +375,9 @@ class SoftConstraint:
         return -first / max(_MINVAL, dw**2), -second / max(_MINVAL, dw)
 
     def _solimp(self) -> Solimp:
-        """solimp as MuJoCo uses it: within its limits, where those hold."""
+        """The five numbers of solimp as MuJoCo uses them: impedances and midpoint within its limits,
+        the width (m) not below 0, the power not below 1; as they are if this is not `clamped`.
+        """
         if not self.clamped:
             return self.solimp
         d0, dw, width, midpoint, power = self.solimp

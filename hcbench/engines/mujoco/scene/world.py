@@ -498,8 +498,10 @@ class MujocoWorld(World):
     diverged = "MuJoCo gave up: a position, velocity or acceleration was not finite or above 1e10"
 
     def __init__(self, pool: BatchPool) -> None:
-        """Find how many launches a simulation of the pool's model holds at best, and keep MuJoCo's
-        warnings from the user.
+        """Find how many launches a simulation holds at best (`places`), and how many simulations may
+        be under way (`concurrent`); keep MuJoCo's warnings from the user.
+
+        pool: of the scene's model and its batches.
         """
         self.pool = pool
         scene = pool.model.scene

@@ -91,6 +91,7 @@ def command(
     Numbers out of range and a cup of another length are refused later, by the plug-in.
     """
     require_law(law)
+    # The law's own keys, then those of friction and cup: "name key=value key=value ...".
     keys: dict[str, Any]
     if isinstance(law, ConstantRestitution):
         keys = {"restitution": law.restitution}
@@ -140,17 +141,21 @@ def add(
     text = command(law, friction, cup)
     bullet = BulletClient(client)
     plugin = load(client)
+    # (body, link) of each, which the plug-in takes as four numbers.
     sides = [_side(bullet, first), _side(bullet, second)]
     number = int(bullet.executePluginCommand(plugin, text, [*sides[0], *sides[1]]))
-    # The plug-in's answer to "message" is its last error, as text that ends with a 0.
     if number < 0:
-        said = bytes(bullet.executePluginCommand(plugin, "message")[2][:-1]).decode()
+        # Its answer to "message" is its last error: in the third place, as text that ends with a 0.
+        answer = bullet.executePluginCommand(plugin, "message")
+        said = bytes(answer[2][:-1]).decode()
         raise SettingError("contact law", said, "", "docs/reference/plugins.md has all commands")
     if is_force(law):
         world = bullet.getPhysicsEngineParameters()
+        # Bullet's 0 substeps are one step.
         step = world["fixedTimeStep"] / max(world["numSubSteps"], 1)
         try:
             require_resolved(law, _reduced_mass(bullet, sides), speed, step)
+        # What is refused does not act either.
         except SettingError:
             remove(number, client=client)
             raise
@@ -166,6 +171,7 @@ def _reduced_mass(bullet: BulletClient, sides: Iterable[tuple[int, int]]) -> flo
     # Sum of 1/m, 1/kg. A body that cannot move has a mass of 0 in Bullet.
     mobility = 0.0
     for body, link in sides:
+        # Bullet's number of the base is -1.
         mass = bullet.getDynamicsInfo(body, max(link, -1))[MASS]
         if link == _ANY_LINK and not mass > 0.0:
             links = range(bullet.getNumJoints(body))
@@ -257,7 +263,8 @@ def find(
         return None
     bullet = BulletClient(client)
     answer = bullet.executePluginCommand(bullet.loadPlugin(str(path)), "find", [*first, *second])
-    # An integer below 0: no law.
+    # An integer below 0: no law. Else the law's number is in the first place, and the text that added
+    # it in the third, with a 0 at its end.
     if isinstance(answer, int):
         return None
     return int(answer[0]), bytes(answer[2][:-1]).decode()

@@ -117,13 +117,11 @@ def read_options(options: Mapping[str, Any]) -> PybulletOptions:
     for links beside another contact.
     """
     checked = validate(PybulletOptions, options, SettingError, "pybullet option '{}'")
-    # No other contact is asked for.
-    alone = (
-        checked.law is None
-        and not checked.maximal_coordinates
-        and "restitution" not in checked.ball
+    # Links are the contact: they go with no other.
+    has_other_contact = (
+        checked.law is not None or checked.maximal_coordinates or "restitution" in checked.ball
     )
-    if checked.links and not alone:
+    if checked.links and has_other_contact:
         got = "given with a law, a restitution or maximal coordinates"
         raise SettingError("pybullet option 'links'", got, "links alone: they are the contact")
     _check(checked.world, "world", _WORLD, "setPhysicsEngineParameter")
@@ -155,9 +153,9 @@ def _check(keywords: Mapping[str, Any], part: str, types: Mapping[str, type], ca
         if not (math.isfinite(value) and value >= 0):
             advice = "Bullet ignores others silently"
             raise SettingError(slot, repr(value), "a finite number of 0 or more", advice)
-    alone = {"contactStiffness", "contactDamping"} & keywords.keys()
-    if len(alone) == 1:
-        got = f"{alone.pop()} alone"
+    of_spring = {"contactStiffness", "contactDamping"} & keywords.keys()
+    if len(of_spring) == 1:
+        got = f"{of_spring.pop()} alone"
         raise SettingError(f"pybullet option {part!r}", got, "contactStiffness and contactDamping")
 
 
@@ -247,7 +245,8 @@ def part_in_script(name: str) -> tuple[str, int]:
 
 
 def snippet(setting: Setting, form: str = "plane", pair: Pair = PAIR) -> str:
-    """Return the lines to paste into a script with a PyBullet world, after its other settings.
+    """Return the lines to paste into a script with a PyBullet world, after its other settings; for a
+    setting that sets none of Bullet's, its options as text.
 
     form: "plane" or "cup". pair: of ball and plate, as `part_in_script` takes them.
     """
@@ -320,6 +319,7 @@ def _calls(setting: Setting, pair: Pair, made: Mapping[str, str], path: str) -> 
             given = arguments(options[body])
             calls[body] = f"pybullet.changeDynamics({name}, {link}, {given})"
     links = options.get("links")
+    # A ball of several links is loaded from a URDF that the lines write, and each link is changed.
     if links:
         rows = ""
         for link in links:
@@ -333,6 +333,7 @@ def _calls(setting: Setting, pair: Pair, made: Mapping[str, str], path: str) -> 
             write,
         ]
         made["ball"] = f'loadURDF("{ball}.urdf", flags=pybullet.URDF_USE_INERTIA_FROM_FILE)'
+        # The base is Bullet's link -1.
         of_link = calls["ball"].replace("-1", "link")
         calls["ball"] = f"for link in range(-1, {len(links) - 1}):\n    {of_link}"
     lines = [f"pybullet.setPhysicsEngineParameter({arguments(world)})", *before]

@@ -213,7 +213,11 @@ class PybulletWorld(World):
         return PybulletSimulation(self, len(launches), oblique)
 
     def _add_balls(self, count: int) -> None:
-        """Add `count` balls like the first; balls do not collide with each other."""
+        """Add balls like the first to the world; balls do not collide with each other.
+
+        count: how many; 0 or less for none. Raises SettingError for a law that the step does not
+        resolve.
+        """
         if count <= 0:
             return
         for _ in range(count):
@@ -221,6 +225,7 @@ class PybulletWorld(World):
             _make_ready(self.bullet, self.scene, self.options, ball)
             self._add_law(ball)
             self.balls.append(ball)
+        # The base, -1, its group, and the groups that it collides with, as bits.
         for ball in self.balls:
             self.bullet.setCollisionFilterGroupMask(ball, -1, _BALLS, _PLATE)
         self.bullet.setCollisionFilterGroupMask(self.plate, -1, _PLATE, _PLATE | _BALLS)
@@ -249,8 +254,10 @@ class PybulletWorld(World):
         self._laws.append(made)
 
     def _step(self) -> Step:
-        """The function that takes a step of the world; if `reports_force`, it returns the normal force
-        on each ball, N, else None.
+        """Make the function that takes a step of the world; if `reports_force`, it returns the normal
+        force on each ball, N, else None.
+
+        The force is that of the plug-in's law where there is one, else of Bullet's own contact.
         """
         move: Step = self.bullet.stepSimulation
         if not self.reports_force:
@@ -315,23 +322,26 @@ class PybulletSimulation(Simulation):
         world = self._world
         with foreign_errors("pybullet", world.bullet.error):
             forces, positions, motions = self._step(steps)
-        # Velocity and spin, and position, before all steps and after each.
+        # Before all steps and after each, of each ball: velocity and spin, (n + 1, b, 2, 3); velocity
+        # alone, and position, (n + 1, b, 3).
         motion = np.concatenate([self._motion[None], np.reshape(motions, (steps, -1, 2, 3))])
-        v = motion[:, :, 0]
+        velocity = motion[:, :, 0]
         if self._reads_position:
-            p = np.concatenate([self._position[None], np.reshape(positions, (steps, -1, 3))])
+            read = np.reshape(positions, (steps, -1, 3))
+            position = np.concatenate([self._position[None], read])
         else:
-            moved = world.timestep * v[1:]
+            moved = world.timestep * velocity[1:]
             # Bullet adds up in the same order: equal to the bit, unless balls disturb each other.
-            p = np.cumsum(np.concatenate([self._position[None], moved]), axis=0)
-        self._position = p[-1]
+            position = np.cumsum(np.concatenate([self._position[None], moved]), axis=0)
+        self._position = position[-1]
         self._motion = motion[-1]
-        x, rate, deeper = overlap(world.scene, p[:-1], v[:-1])
+        x, rate, deeper = overlap(world.scene, position[:-1], velocity[:-1])
         if world.reports_force:
+            # Of all balls of the world: those that are still recorded are picked.
             force = np.reshape(np.array(forces, dtype=np.float64), (steps, -1))[:, self._which]
         else:
-            force = force_from_momentum(world.scene, world.timestep, v, deeper)
-        if not (self._reads_position or np.array_equal(self._positions(), p[-1])):
+            force = force_from_momentum(world.scene, world.timestep, velocity, deeper)
+        if not (self._reads_position or np.array_equal(self._positions(), position[-1])):
             raise CannotShareError
         along_plate = None
         if self._oblique:
@@ -415,9 +425,9 @@ def _set_up(
 
 def _make_ready(bullet: BulletClient, scene: Scene, options: PybulletOptions, ball: int) -> None:
     """Give a ball the scene's mass, kg, friction, and with friction its inertia, kg m², then the
-    setting's keywords.
+    setting's keywords of changeDynamics, which go before.
 
-    ball: its id.
+    options: of the setting. ball: its id; of one with links, all links are changed.
     """
     # With friction the ball turns, and its inertia is not what Bullet makes of the sphere.
     if scene.friction:
@@ -438,7 +448,9 @@ def _make_ready(bullet: BulletClient, scene: Scene, options: PybulletOptions, ba
 
 
 def _urdf(scene: Scene, role: str) -> Path:
-    """Path of the URDF of a role, "ball" or "plate". Raises SceneError where there is none."""
+    """Path of the URDF that a scene names for a role, "ball" or "plate". Raises SceneError for a scene
+    that names none, and for a file that is missing.
+    """
     try:
         path: Path = scene.models["pybullet"][role].resolve()
     except KeyError:
@@ -479,9 +491,9 @@ def _check_shapes(bullet: BulletClient, scene: Scene, ball: int, plate: int) -> 
 
     ball, plate: ids.
     """
-    # m.
-    overlap = 1e-5
+    overlap = 1e-5  # m
     _place(bullet, ball, np.array([0.0, 0.0, scene.touch_radius - overlap]))
+    # Overlaps at all points that Bullet finds, m.
     seen = [-point[DISTANCE] for point in bullet.getClosestPoints(ball, plate, 0.0)]
     if not seen or abs(max(seen) - overlap) > _SHAPE_TOLERANCE:
         depth = f"{max(seen):.3e} m" if seen else "none"

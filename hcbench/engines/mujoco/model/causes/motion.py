@@ -165,8 +165,9 @@ def losses(context: Context) -> Iterator[Suspect]:
 
 def margin(context: Context) -> Iterator[Suspect]:
     """Suspect margin and gap, where the contact's force begins away from the surfaces; at most one
-    suspect.
+    suspect, none where it begins at the touch.
     """
+    # Distance at which it begins, m.
     onset = context.place.contact.onset
     if onset == 0:
         return
