@@ -22,6 +22,7 @@ from hcbench.workers.process import (
     Interpreter,
     Worker,
     WorkerDied,
+    can_fork,
     use_own_worker,
     worker_of_thread,
 )
@@ -39,6 +40,7 @@ __all__ = [
     "WorkerPool",
     "begin",
     "call",
+    "can_fork",
     "captured_output",
     "environment",
     "in_worker",
