@@ -8,7 +8,6 @@ import json
 import os
 import subprocess
 import sys
-import threading
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -17,8 +16,7 @@ from typing import Any
 import pytest
 
 from hcbench.benchmark.run import sweep
-from hcbench.benchmark.study import study_from
-from hcbench.reporting.ask import report
+from hcbench.benchmark.study import load_study
 
 HCBENCH = str(Path(sys.executable).with_name("hcbench"))
 # As it was released, so that runs years apart compare.
@@ -149,8 +147,8 @@ DROPS = "drops of a ball, spring-damper"
         ("tune mujoco at 10 µs, a ball, boxes and a capsule", FINE, BALL),
         ("measure of the scene's ball, 8 speeds", ("measure", *PAIR, "--alpha", "0.3 s/m"), BALL),
         ("report --quick, the default study", ("report", "--quick", "--jobs", "1"), BALL),
-        (f"sweep of 100 000 {DROPS}, 1 ms", ("sweep", "1 ms", "3125"), BALL),
-        (f"sweep of 16 000 {DROPS}, 1 µs", ("sweep", "1 µs", "500"), BALL),
+        (f"sweep of 100 000 {DROPS}, 1 ms", ("sweep", "1 ms", "100_000"), BALL),
+        (f"sweep of 16 000 {DROPS}, 1 µs", ("sweep", "1 µs", "16_000"), BALL),
         ("measure of README's quadruped, a foot", ("measure", *FOOT, "--alpha", "0.3 s/m"), ROBOT),
         ("land of README's quadruped", ("land", QUADRUPED), ROBOT),
         ("tune of README's quadruped, a foot", ("tune", *FOOT, "--alpha", "0.3 s/m"), ROBOT),
@@ -162,8 +160,8 @@ def test_the_share_of_steps(
 ) -> None:
     """Processor time in the engines' steps over all of it, Python's start and imports included."""
     if words[0] == "sweep":
-        _, timestep, speeds = words
-        study = drops_study(tmp_path / "study.toml", int(speeds), timestep)
+        _, timestep, impacts = words
+        study = impacts_study(tmp_path / "study.toml", int(impacts), timestep)
         words = ("sweep", str(study), "--jobs", "1")
     if words[0] in ("sweep", "report"):
         words = (*words, "--out", str(tmp_path / "out"))
@@ -232,41 +230,33 @@ def test_processor_time_of_measuring_a_urdf(
     )
 
 
-def drops_study(path: Path, speeds: int, timestep: str) -> Path:
-    """Write a study of 32 drops a speed of a ball in MuJoCo, spring-damper; return its path."""
+def impacts_study(path: Path, impacts: int, timestep: str, recipe: str = "spring-damper") -> Path:
+    """Write a study of so many impacts of a ball in MuJoCo; return its path."""
+    speeds = min(impacts // 32, 31_250)
+    phases = impacts // (4 * speeds)
     path.write_text(
         'scene = "steel-plane"\nalphas = "0.002, 0.004, 0.008, 0.016 s/in"\n'
-        f'speeds = "1:20:{speeds} in/s"\nphases = 8\n'
-        f'[[run]]\nengine = "mujoco"\nrecipe = "spring-damper"\ntimesteps = "{timestep}"\n'
+        f'speeds = "1:20:{speeds} in/s"\nphases = {phases}\n'
+        f'[[run]]\nengine = "mujoco"\nrecipe = "{recipe}"\ntimesteps = "{timestep}"\n'
     )
     return path
 
 
 def test_processor_time_of_a_million_drops(beside: Any, tmp_path: Path) -> None:
-    """Processor time of a fifth of them, times five, with their files."""
-    study = drops_study(tmp_path / "study.toml", 6250, "1 ms")
+    """Processor time of all of them, from start to folder."""
+    study = impacts_study(tmp_path / "study.toml", 1_000_000, "1 ms")
     number = iter(range(99))
 
     def swept_once() -> float:
-        return 5 * processor(
-            HCBENCH, "sweep", str(study), "--out", str(tmp_path / str(next(number)))
-        )
+        return processor(HCBENCH, "sweep", str(study), "--out", str(tmp_path / str(next(number))))
 
     what = "a million drops, MuJoCo at 1 ms, processor time"
-    beside(what, {"hcbench": swept_once}, rounds=2, must="20 s", aim="7 s")
-
-
-def swept(impacts: int, recipe: str, timestep: str) -> Any:
-    """A study of so many impacts."""
-    alphas = "0.002, 0.004, 0.008, 0.016 s/in"
-    run = {"engine": "mujoco", "recipe": recipe, "timesteps": timestep}
-    count = min(impacts // 32, 31_250)
-    about = {"speeds": f"1:20:{count} in/s", "phases": impacts // (4 * count), "run": [run]}
-    return study_from({"scene": "steel-plane", "alphas": alphas, **about})
+    beside(what, {"hcbench": swept_once}, rounds=1, must="20 s", aim="7 s")
 
 
 def test_two_jobs_over_one(beside: Any, tmp_path: Path) -> None:
-    study, number = swept(120_000, "spring-damper", "1e-6 s"), iter(range(99))
+    study = load_study(impacts_study(tmp_path / "study.toml", 120_000, "1 µs"))
+    number = iter(range(99))
 
     def sweeping(jobs: int) -> None:
         sweep(study, tmp_path / str(next(number)), jobs=jobs)
@@ -284,18 +274,30 @@ def test_two_jobs_over_one(beside: Any, tmp_path: Path) -> None:
 IMPACTS = int(os.environ.get("HCBENCH_BENCH_IMPACTS", "1_000_000"))
 
 
-def peak_alone(what: str, impacts: int, folder: Path) -> float:
-    """Peak memory in MiB of a sweep into a folder, or of the report
-    of the sweep there, by two jobs.
+def peak_of(*command: str) -> float:
+    """Peak memory of a command and its workers, MiB, looked at every 20 ms: proportional set size,
+    so that shared pages count once.
     """
-    command = (sys.executable, __file__, what, str(impacts), str(folder))
-    return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    peak = 0.0
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        while process.poll() is None:
+            peak = max(peak, memory(process.pid))
+            time.sleep(0.02)
+    assert process.returncode == 0
+    return peak
+
+
+def swept_peak(impacts: int, folder: Path) -> float:
+    """Peak memory of a sweep of so many impacts into a folder, by two jobs, MiB."""
+    study = impacts_study(folder.with_suffix(".toml"), impacts, "1 ms", "impulse")
+    return peak_of(HCBENCH, "sweep", str(study), "--out", str(folder), "--jobs", "2")
 
 
 def test_memory_of_a_sweep(benchmark: Any, tmp_path: Path) -> None:
-    """Peak memory, its processes' together: proportional set size, so that shared pages count once."""
+    """Peak memory of the command, its processes' together."""
     peaks: list[float] = []
-    benchmark.pedantic(lambda: peaks.append(peak_alone("sweep", IMPACTS, tmp_path)), rounds=1)
+    folder = tmp_path / "sweep"
+    benchmark.pedantic(lambda: peaks.append(swept_peak(IMPACTS, folder)), rounds=1)
     seconds = benchmark.stats.stats.min / IMPACTS
     benchmark.extra_info.update(
         what=f"memory of a sweep of {IMPACTS:,} impacts, two jobs",
@@ -311,11 +313,12 @@ def test_memory_of_a_report(benchmark: Any, tmp_path: Path) -> None:
     """Memory of a report of so many impacts, and of ten times as many by its slope from a quarter."""
     peaks: dict[int, float] = {}
     for impacts in (IMPACTS // 4, IMPACTS):
-        peak_alone("sweep", impacts, tmp_path / str(impacts))
+        swept_peak(impacts, tmp_path / str(impacts))
 
     def run() -> None:
         for impacts in (IMPACTS // 4, IMPACTS):
-            peaks[impacts] = peak_alone("report", impacts, tmp_path / str(impacts))
+            words = (str(tmp_path / str(impacts)), "--out", str(tmp_path / f"{impacts}-report"))
+            peaks[impacts] = peak_of(HCBENCH, "report", *words, "--jobs", "2")
 
     benchmark.pedantic(run, rounds=1)
     few, most = peaks.values()
@@ -330,32 +333,11 @@ def test_memory_of_a_report(benchmark: Any, tmp_path: Path) -> None:
     )
 
 
-def peak_of(what: str, impacts: int, folder: str) -> float:
-    """MiB, looked at every 20 ms."""
-    peak, done = [0.0], threading.Event()
-
-    def watch() -> None:
-        while not done.wait(0.02):
-            peak.append(memory())
-
-    watching = threading.Thread(target=watch)
-    watching.start()
-    if what == "sweep":
-        sweep(swept(impacts, "impulse", "1e-3 s"), folder, jobs=2)
-    else:
-        report(folder, out=f"{folder}-report", jobs=2)
-    done.set()
-    watching.join()
-    return max(peak)
-
-
-def memory() -> float:
-    """Memory of this process and its children, MiB."""
+def memory(of: int) -> float:
+    """Memory of a process, by its id, and its children, MiB."""
     total = 0
     for entry in Path("/proc").iterdir():
-        if entry.name.isdigit() and (
-            entry.name == str(os.getpid()) or parent(entry) == os.getpid()
-        ):
+        if entry.name.isdigit() and (int(entry.name) == of or parent(entry) == of):
             with suppress(OSError):  # ended meanwhile
                 lines = (entry / "smaps_rollup").read_text().splitlines()
                 total += next(
@@ -369,7 +351,3 @@ def parent(entry: Path) -> int:
         return int((entry / "stat").read_text().rpartition(")")[2].split()[1])
     except OSError:
         return 0
-
-
-if __name__ == "__main__":
-    print(peak_of(sys.argv[1], int(sys.argv[2]), sys.argv[3]))

@@ -28,11 +28,11 @@ from hcbench.benchmark.results import Results
 from hcbench.benchmark.shard import Timeouts, run_bounces, run_jobs, run_shard
 from hcbench.benchmark.store import GO_ON, Store, TemporaryFiles, open_files
 from hcbench.benchmark.study import Study
-from hcbench.benchmark.tables import Totals, arrays, parquet, require_parquet
+from hcbench.benchmark.tables import Totals, arrays, load_parquet, parquet, require_parquet
 from hcbench.system.errors import CannotRun, HcbenchError
 from hcbench.terms.arguments import checked
 from hcbench.terms.options import Jobs
-from hcbench.workers import WorkerPool
+from hcbench.workers import WorkerPool, can_fork
 
 if TYPE_CHECKING:
     from hcbench.benchmark.tables import Encode
@@ -200,7 +200,11 @@ def workers_for(executor: Executor | None, scheduler: str | None, jobs: int) -> 
             yield cluster
     else:
         with WorkerPool(jobs) as pool:
-            # While this process is still one thread, whose copies import nothing again.
+            # While this process is still one thread, whose copies import nothing again. What
+            # fails here, the workers report.
+            if can_fork():
+                with suppress(ImportError):
+                    load_parquet()
             pool.begin("importlib", "import_module", run_shard.__module__)
             yield Workers(pool.threads, lambda: jobs, pool.map)
 

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     import pandas as pd
+    from numpy.typing import NDArray
 
     Encode = Callable[[Sequence[Mapping[str, Any]], Sequence[str], Mapping[str, bytes]], bytes]
 
@@ -41,18 +42,27 @@ _TEXTS = ("scene", "engine", "setting", "status", "reason")
 _WHOLE = ("samples", "bounce", "row", "failed")
 # First bytes of a Parquet file.
 _PARQUET = b"PAR1"
-# Prefixes of the names of arrays that are not columns.
+# Names of the arrays of a table: its rows, with numbers in place of texts; the texts of each column,
+# as JSON; and the prefix of those of its metadata.
+_ROWS = "rows"
+_WORDS = "texts"
 _ABOUT = "metadata:"
-_WORDS = "texts:"
 
 
 def require_parquet() -> None:
     """Raises CannotRun where pyarrow is not installed."""
-    # find_spec does not import pyarrow, which takes memory: workers write the parts.
+    # find_spec does not import pyarrow, which takes memory and time.
     if find_spec("pyarrow") is None:
         got = "pyarrow is not installed"
         advice = "Try: pip install pyarrow"
         raise CannotRun("sweep", got, "the package that writes Parquet", advice)
+
+
+def load_parquet() -> None:
+    """Import what `parquet` needs. Copies of this process share its memory, of 30 MB."""
+    # Arrow's own pool keeps 10 MB of memory that is freed.
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
+    import pyarrow.parquet  # noqa: F401
 
 
 def arrays(
@@ -66,25 +76,35 @@ def arrays(
     names: of the columns that are written; every table has them.
     metadata: texts kept with the columns, as bytes, by name.
     """
-    content: dict[str, Any] = {}
-    for key, text in metadata.items():
-        content[_ABOUT + key] = np.frombuffer(text, np.uint8)
     lengths = list(map(_length, tables))
+    texts: dict[str, list[str]] = {}
+    columns: dict[str, Any] = {}
     for name in names:
-        columns = [_filled(table[name], n) for table, n in zip(tables, lengths, strict=True)]
+        parts = [_filled(table[name], n) for table, n in zip(tables, lengths, strict=True)]
         # Without tables there are no rows, and nothing that could be joined.
         joined = np.empty(0)
-        if columns:
-            joined = np.concatenate(columns)
+        if parts:
+            joined = np.concatenate(parts)
         if name in _TEXTS:
-            content[_WORDS + name], content[name] = _by_number(joined, len(joined))
-        elif name in _WHOLE:
-            content[name] = joined.astype(np.int64)
+            words, columns[name] = _by_number(joined, len(joined))
+            texts[name] = words.tolist()
         else:
-            content[name] = joined.astype(np.float64)
+            columns[name] = joined.astype(np.int64 if name in _WHOLE else np.float64)
+    # One array for all columns: NumPy takes longer to find an array in a file than to read it.
+    kinds = [(name, column.dtype) for name, column in columns.items()]
+    rows = np.empty(sum(lengths), dtype=kinds)
+    for name, column in columns.items():
+        rows[name] = column
+    content: dict[str, Any] = {_ROWS: rows, _WORDS: _as_bytes(json.dumps(texts).encode())}
+    for key, about in metadata.items():
+        content[_ABOUT + key] = _as_bytes(about)
     sink = io.BytesIO()
     np.savez(sink, **content)
     return sink.getvalue()
+
+
+def _as_bytes(content: bytes) -> NDArray[np.uint8]:
+    return np.frombuffer(content, np.uint8)
 
 
 def _length(table: Mapping[str, Any]) -> int:
@@ -123,8 +143,7 @@ def parquet(
     this order. metadata: bytes to keep in the file, by key. It needs pyarrow: callers make sure of
     it by `require_parquet`.
     """
-    # Arrow's own pool keeps 10 MB of memory that is freed.
-    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
+    load_parquet()
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -199,12 +218,16 @@ def columns_in(content: bytes, names: Collection[str] | None = None) -> dict[str
     """
     if content.startswith(_PARQUET):
         return _parquet_columns(content, names)
-    columns = {}
     with np.load(io.BytesIO(content), allow_pickle=False) as file:
-        for name in file.files:
-            is_column = not name.startswith((_ABOUT, _WORDS))
-            if is_column and (names is None or name in names):
-                columns[name] = _array_column(file, name)
+        rows = file[_ROWS]
+        texts = json.loads(file[_WORDS].tobytes())
+    columns = {}
+    for name in rows.dtype.names:
+        if names is not None and name not in names:
+            continue
+        columns[name] = np.ascontiguousarray(rows[name])
+        if name in texts:
+            columns[name] = np.array(texts[name], dtype=object)[columns[name]]
     return columns
 
 
@@ -220,14 +243,6 @@ def _parquet_columns(content: bytes, names: Collection[str] | None) -> dict[str,
     wanted = [name for name in file.schema_arrow.names if names is None or name in names]
     table = file.read(wanted, use_threads=False)
     return {name: _parquet_values(table[name].combine_chunks()) for name in wanted}
-
-
-def _array_column(file: Any, name: str) -> Any:
-    """A column of NumPy's file by its name: shape (n,); numbers of texts become the texts."""
-    numbers_or_values = file[name]
-    if name not in _TEXTS:
-        return numbers_or_values
-    return file[_WORDS + name].astype(object)[numbers_or_values]
 
 
 def _parquet_values(column: Any) -> Any:

@@ -134,6 +134,9 @@ def run_launches(
     # Steps that a group takes before anything is looked at, and probably in all.
     first = round(_GUESS_SHARE * expected)
     whole = expected
+    if expected:
+        first = max(first, world.least_taken)
+        whole = max(whole, world.least_taken)
 
     def run(group: Launches) -> Impacts:
         """Impacts of a group, by whose steps the next one is planned; a plan changes how long it
@@ -143,6 +146,7 @@ def run_launches(
         group_impacts, taken = _run_group(world, group, first, whole)
         if expected:
             first = whole = taken
+            world.least_taken = min(taken, world.least_taken or taken)
         return group_impacts
 
     if world.concurrent > 1 and len(launches) > most:

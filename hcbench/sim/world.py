@@ -116,6 +116,7 @@ class World(ABC):
     energy_by_work: whether the energy lost is what the contact takes, as joints or servos change
     it, too.
     room: launches that `read` takes together; 0 for a world whose steps are recorded.
+    least_taken: steps of the group of launches that took the fewest until now; 0 before the first.
     """
 
     timestep: float
@@ -129,6 +130,7 @@ class World(ABC):
     speed_reading: SpeedReading = SpeedReading.TOUCH_PLANE
     energy_by_work: bool = False
     room: int = 0
+    least_taken: int = 0
 
     @abstractmethod
     def release(self, launches: Sequence[Launch]) -> Simulation:

@@ -21,6 +21,7 @@ from hcbench.workers.process import (
     Interpreter,
     Worker,
     WorkerDied,
+    can_fork,
     use_own_worker,
     worker_of_thread,
 )
@@ -38,6 +39,7 @@ __all__ = [
     "WorkerPool",
     "begin",
     "call",
+    "can_fork",
     "captured_output",
     "environment",
     "in_worker",

@@ -173,10 +173,8 @@ class Worker:
         """
         self._kill()
         self._pipe, end = Pipe()
-        # A fork copies the locks that other threads hold, and nobody there lets them go.
-        can_fork = CAN_FORK and IS_COMMAND.get() and threading.active_count() == 1
         with end:
-            if first is not None and can_fork:
+            if first is not None and can_fork():
                 self._process = Fork(partial(serve_forked, end, first))
             else:
                 self._process = self._spawn(end, first)
@@ -350,6 +348,14 @@ if hasattr(os, "register_at_fork"):
 
 # Elsewhere than on Linux, libraries that draw may not survive a fork.
 CAN_FORK = sys.platform == "linux"
+
+
+def can_fork() -> bool:
+    """Say whether a worker that begins now is a copy of this process, which shares its memory."""
+    # A fork copies the locks that other threads hold, and nobody there lets them go.
+    return CAN_FORK and IS_COMMAND.get() and threading.active_count() == 1
+
+
 # PR_SET_PDEATHSIG of prctl(2).
 _SET_PARENT_DEATH_SIGNAL = 1
 # Time between two looks at whether the copy has ended, s.

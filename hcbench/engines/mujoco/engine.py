@@ -558,7 +558,7 @@ def _pool(scene: Scene, timestep: float, options: Options) -> BatchPool:
     return make(scene, timestep, options, written)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=2)
 def cached_pool(scene: Scene, timestep: float, options: Options, _: bytes) -> BatchPool:
     """The model of a scene under a step and options, loaded once."""
     return BatchPool.of(load(scene, timestep, options))

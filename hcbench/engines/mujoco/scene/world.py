@@ -347,7 +347,7 @@ def _force(
 # would take too much memory.
 _ALONE = 32
 # Models in a simulation of one thread: reading it costs as much for one model as for all.
-_ROUNDS = 8
+_ROUNDS = 24
 # Simulations at once: one is looked at while the other one is stepped.
 _CONCURRENT = 2
 
@@ -390,6 +390,7 @@ class BatchPool:
     sliding: balls in batches move on a slide along z, not freely.
     batches, free_workspaces: by number of balls.
     unbatched: by number of balls, the ball-steps until now that a model of them would have had.
+    least_taken: as of the `World`s that launched the model's balls until now.
     """
 
     model: SceneModel
@@ -399,6 +400,7 @@ class BatchPool:
     batches: dict[int, BatchedModel] = field(default_factory=dict)
     unbatched: Counter[int] = field(default_factory=Counter)
     free_workspaces: dict[int, list[Workspace]] = field(default_factory=dict)
+    least_taken: int = 0
 
     @classmethod
     def of(cls, model: SceneModel) -> BatchPool:
@@ -509,6 +511,8 @@ class MujocoWorld(World):
         self.gravity = scene.normal_gravity
         self.mass = scene.mass
         self.speed_reading = speed_reading(pool.model.model)
+        # A pool is lent to the world of each batch of a sweep.
+        self.least_taken = pool.least_taken
         in_a_thread = _ALONE
         if pool.max_batch > 1:
             in_a_thread = pool.max_batch
@@ -530,7 +534,8 @@ class MujocoWorld(World):
         return FollowedLaunch(self.pool.model, launch)
 
     def close(self) -> None:
-        """Let MuJoCo warn as before."""
+        """Let MuJoCo warn as before, and tell the pool what launches took."""
+        self.pool.least_taken = self.least_taken
         self._resources.close()
 
 
