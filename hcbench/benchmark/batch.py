@@ -92,7 +92,7 @@ def _loop(i: int, impacts: Impacts, batch: Batch) -> Loop | None:
     """The loop of one impact; None for one that has none. On a device no step is recorded, and the
     launch is simulated once more.
 
-    i: index of the impact in the batch.
+    i: index of the impact in the batch. Raises what the engine raises, on a device.
     """
     impact = impacts[i]
     setting = batch.setting

@@ -61,6 +61,7 @@ def bounces(path: Trajectory, count: int) -> list[Bounce]:
     # Last samples of contacts that a flight follows, not a loss of touch
     # while the body still goes in.
     partings = np.flatnonzero(acting[:-1] & ~acting[1:] & (path.rate[1:] < 0))
+    # A flight lasts from its parting to the next one, at most; -1 stands before the first sample.
     previous_partings = [-1, *partings]
     ends = [*partings[1:], last]
     bounces = []

@@ -113,9 +113,11 @@ class LaunchGrid:
         the touch. Without gravity none falls: all start at their speed.
         """
         speed, phase = self.asked(part)
+        # Number of each launch's angle.
         _, angle, _ = np.unravel_index(np.arange(part.start, part.stop), self.shape)
         # Slip of a launch of 1 m/s at each angle.
         slips = np.array([Launch.at_angle(each, 1.0).slip[0] for each in self.angles])
+        # Steps of flight before the touch, at most; those that fall take as many as they need.
         steps_most = 2.0
         if self.dropped:
             steps_most = math.inf
@@ -158,7 +160,9 @@ def speeds_at(study: Study, run: Run, timestep: float) -> tuple[float, ...]:
     """
     first = run.speeds[0]
     last = run.speeds[-1]
-    low, high = map(max, (first, last), default_band(timestep, STANDARD_GRAVITY))
+    band_low, band_high = default_band(timestep, STANDARD_GRAVITY)
+    low = max(first, band_low)
+    high = max(last, band_high)
     if study.page != "field" or low == first:
         return run.speeds
     stretch = 1.0
@@ -290,6 +294,7 @@ def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
         for engine in engines:
             _require_device(study.device, engine)
     inputs = _inputs(study, engines, versions)
+    # (number of the run, target of a setting).
     targets: list[tuple[int, Target]] = []
     for number, run in enumerate(study.runs):
         targets += [(number, target) for target in _targets(study, run)]
@@ -441,7 +446,9 @@ def _settings(
     jobs: list[_Job] = []
     for number, target in targets:
         run = study.runs[number]
-        jobs.append((run, target, kept.place_of(_recipe(run), target, versions_here(run.engine))))
+        place = kept.place_of(_recipe(run), target, versions_here(run.engine))
+        jobs.append((run, target, place))
+    # By the number of their job; missing: numbers of those whose recipe has to run.
     settings: dict[int, Setting] = {}
     missing = []
     for job_number, job in enumerate(jobs):

@@ -159,6 +159,7 @@ class _Gathering:
         self._waiting.append(columns)
         for launch, loop in loops.items():
             self._loops[launch] = loop.simplified(LOOP_TOLERANCE)
+        # Scored are the loops as they were recorded, not the simplified ones.
         for impact in self._looped(columns, loops):
             score = scoring.score_loop(impact, self._law, self._mass)
             if score is not None:
@@ -289,11 +290,13 @@ def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Resu
     if about is None:
         raise UserError("folder", f"{store.where} holds no sweep", "what `hcbench sweep` wrote")
     study = about["study"]
+    # (number, file name) of each, in order.
     shards = list(store.shards(about["parts"]).items())
     # By setting, for all α: values of _SETTING. A setting that was planned as several grids,
     # such as one of two bands of speeds, has the shards of all of them.
     shards_of = dict[Key, list[tuple[int, str]]]()
     for begin, end in itertools.pairwise(about["parts_of_settings"]):
+        # The first shard names the setting of all.
         impacts, _ = store.tables(*shards[begin])
         any_key = next(iter(places_of(impacts)))
         shards_of.setdefault(_setting_of(any_key), []).extend(shards[begin:end])
@@ -349,7 +352,7 @@ class _StoredRows:
     of_settings: Mapping[Key, Sequence[tuple[int, str]]]
 
     def __call__(self, keys: Collection[Key]) -> Iterator[pd.DataFrame]:
-        """Rows of these keys, in their order, in tables of about _ROWS_AT_ONCE rows.
+        """Rows of these keys, in their order, in tables of _ROWS_AT_ONCE rows or some more.
 
         Raises UserError for a damaged shard, OutputError for one that cannot be read.
         """
@@ -382,7 +385,9 @@ def _setting_of(key: Key) -> Key:
 
 
 def _rounded(table: pd.DataFrame) -> pd.DataFrame:
-    """A table with measured numbers rounded to the digits that every processor computes alike."""
+    """A table, of any columns, with measured numbers rounded by `to_digits` to those that every
+    processor computes alike.
+    """
     # What the study gives, and not a simulation, stays as it is.
     given = {*RUN_KEY, *_LAUNCH, "angle_rad"}
     rounded = {}

@@ -172,7 +172,7 @@ class Folder:
         self._parts: list[_Part] = []
 
     def place(self, asked: Floats) -> NDArray[Any]:
-        """A number that speeds (m/s) share of which one is shown."""
+        """A number for each speed, m/s, (n,): of speeds that share it one is shown."""
         return asked.round(12) if self._edges is None else np.searchsorted(self._edges, asked)
 
     def add(self, columns: _Columns) -> None:
@@ -184,10 +184,12 @@ class Folder:
         """
         # Digits that every processor computes alike: a page must not depend on the others.
         e = to_digits(columns[RESTITUTION.key])
+        # e of the law at each impact speed.
         law = to_digits(columns[LAW.key])
         speed_in = to_digits(columns[SPEED_IN.key])
         depth = to_digits(columns[PENETRATION_MAX.key])
         status = columns[STATUS.key]
+        # Speeds of the study, m/s.
         asked = columns[SPEED.key]
         angle = columns.get(ANGLE.key, np.zeros(len(e)))
         self._status.update(status.tolist())
@@ -237,7 +239,7 @@ class Folder:
         to 1. angle: rad, the same for all. Each is of shape (n,).
         """
         # Speeds that differ by round-off are one point.
-        group = np.unique(asked.round(12), return_inverse=True)[1]
+        _, group = np.unique(asked.round(12), return_inverse=True)
         curve = curve_of_columns(
             group,
             speed=asked,
@@ -250,12 +252,15 @@ class Folder:
         )
         is_at_step = np.isclose(curve.speed, self._step_speed, rtol=1e-9)
         at_step = next(iter(curve.take(is_at_step)), None)
+        # Numbers of the points that pages show.
         shown = self._one_for_neighbours(curve)
 
         def nearest_to(wanted: float) -> ShownLaunches:
-            """Launches in the phase that is nearest to the wanted one, one of each shown speed."""
+            """Launches in the phase that is nearest to the wanted one, one of each shown speed; of
+            two that are as near, in the earlier phase.
+            """
             order = np.lexsort((phase, np.abs(phase - wanted), group))
-            first_of_speed = np.unique(group[order], return_index=True)[1]
+            _, first_of_speed = np.unique(group[order], return_index=True)
             nearest = order[first_of_speed][shown]
             return ShownLaunches(wanted, e[nearest], speed_in[nearest], samples[nearest])
 
@@ -274,7 +279,8 @@ class Folder:
         """
         place = self.place(curve.speed)
         worst_first = np.lexsort((-np.abs(curve.worst_phase), place))
-        return worst_first[np.unique(place[worst_first], return_index=True)[1]]
+        _, first_of_place = np.unique(place[worst_first], return_index=True)
+        return worst_first[first_of_place]
 
     def folded(self) -> Folded:
         """Return the summary of all impacts that were added, with the curve of those at the smallest
@@ -315,11 +321,11 @@ class Folder:
 
 
 def _edges(study: Mapping[str, Any]) -> Floats | None:
-    """Speeds, m/s, that divide the band of a study into MOST_SPEEDS places of one width; None where
-    no run has more speeds than that, and all are shown.
+    """Speeds, m/s, (MOST_SPEEDS - 1,), that divide the band of a study into MOST_SPEEDS places of
+    one width, the band's ends left out; None where no run has more speeds than that, and all are
+    shown.
 
-    study: as plain values, SI; its speeds and those of its runs count. Shape (MOST_SPEEDS - 1,):
-    the ends of the band are left out.
+    study: as plain values, SI; its speeds and those of its runs count.
     """
     bands = [study["speeds"], *(run["speeds"] for run in study["runs"])]
     if max(map(len, bands)) <= MOST_SPEEDS:
@@ -334,8 +340,9 @@ def to_digits(values: Floats) -> Floats:
     and infinity stay.
     """
     known = np.isfinite(values) & (np.abs(values) > _LEAST)
-    # Power of ten of the first digit.
-    size = np.floor(np.log10(np.abs(values), out=np.zeros_like(values), where=known)).astype(int)
+    # Power of ten of the first digit; 0 where there is none.
+    logarithms = np.log10(np.abs(values), out=np.zeros_like(values), where=known)
+    size = np.floor(logarithms).astype(int)
     decimals = np.minimum(_DIGITS - 1 - size, _DECIMALS)
     # Negative decimals of large numbers take their power from the end of the table.
     scale = _POWERS[decimals]

@@ -231,6 +231,7 @@ def run_plan(
     written.
     """
     store.create_or_verify(plan, resume)
+    # Numbers of the shards that are whole, and of those that are run again.
     done = set[int]()
     damaged = list[int]()
     totals = Totals()
@@ -241,10 +242,18 @@ def run_plan(
             continue
         done.add(number)
         totals.add(summaries)
+        # The summary of each α counts the same impacts.
         impacts += summaries[0]["impacts"]
-    now = Progress(impacts, plan.impacts, len(done), len(done), tuple(damaged))
+    now = Progress(
+        impacts=impacts,
+        of=plan.impacts,
+        shards=len(done),
+        resumed=len(done),
+        damaged=tuple(damaged),
+    )
 
     def write_summary() -> float:
+        """Bring the summary up to date; return when, s of time.monotonic."""
         store.write_summary(plan.records, totals)
         return time.monotonic()
 
@@ -289,7 +298,8 @@ def imap_unordered(
     """
     waiting = iter(jobs)
     jobs_a_task = 1
-    # Of each task that is handed out: its jobs, and the number of the try, from 1.
+    # Of each task that is handed out: its jobs, and the number of the try, from 1. A task returns
+    # the results of its jobs and the time that they took, s.
     running: dict[Future[tuple[list[Result], float]], tuple[list[Job], int]] = {}
 
     def submit(task: list[Job], tries: int) -> None:
@@ -317,6 +327,7 @@ def imap_unordered(
                 for future, (task, tries) in lost:
                     future.cancel()
                     submit(task, tries)
+            # So many tasks that no worker waits, as long as there are jobs.
             while len(running) < _AHEAD * workers.width() and (
                 task := list(islice(waiting, jobs_a_task))
             ):

@@ -305,6 +305,7 @@ def study_from(
         raise StudyError(f"{where}: alphas", "missing", expected)
     scene = load_scene(file.scene, folder)
     scene = dataclasses.replace(scene, **_stated(file))
+    # Unless the file states them, the middle α and the middle speed.
     main_alpha = file.main_alpha
     if main_alpha is None:
         main_alpha = file.alphas[len(file.alphas) // 2]
@@ -317,6 +318,7 @@ def study_from(
         raise StudyError(
             f"{where}: step_speed", f"{step_speed:.6g} m/s", "one of the study's speeds"
         )
+    # All tables are read before any of their scenes; by their name in errors.
     tables: dict[str, RunTable] = {}
     for number, table in enumerate(file.run, 1):
         line = f"{where}: run {number}"

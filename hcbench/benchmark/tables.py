@@ -108,6 +108,7 @@ def _as_bytes(content: bytes) -> NDArray[np.uint8]:
 
 
 def _length(table: Mapping[str, Any]) -> int:
+    """Rows of a table, some of whose columns are one value for all rows."""
     return max(len(column) for column in table.values() if not isinstance(column, str | float))
 
 

@@ -225,10 +225,12 @@ def read_pairs(path: Path) -> Pairs:
     first, *_ = tables_of(sheet)
     table, _ = completed(first, None)
     columns = columns_of(table)
+    # The table has the speed by one of two names.
     role = "speed_in"
     if "speed" in columns.places:
         role = "speed"
     values = {name for name in columns.places if not name.startswith("u_")}
+    # Columns of numbers with a name that means nothing here.
     has_others = False
     for i, (name, _) in enumerate(table.header):
         is_taken = i in columns.places.values()

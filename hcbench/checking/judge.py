@@ -302,11 +302,11 @@ def _conditions(run: Mapping[str, Any]) -> str:
 
 
 def _judge_run(key: Any, impacts: pd.DataFrame, max_error: float, reading: Reading) -> Outcome:
-    """The verdict on one setting, α and step of a study.
+    """The verdict on one setting, α and step of a study: FAILED where an impact has no e, or the
+    largest error of e at any phase is above the limit.
 
-    key: values of RUN_KEY. impacts: a row each. max_error: of e, the limit. reading: which law's e
-    is the target.
-    Impacts without an e fail it.
+    key: values of RUN_KEY. impacts: n rows of a study's table, SI. max_error: of e, the limit.
+    reading: which law's e is the target.
     """
     run = dict(zip(RUN_KEY, key, strict=True))
     alpha = run["alpha_s_per_m"]
@@ -335,7 +335,8 @@ def _judge_run(key: Any, impacts: pd.DataFrame, max_error: float, reading: Readi
 def _rows(impacts: pd.DataFrame, reading: Reading) -> Curve:
     """One point for each speed and angle of a study's impacts, in their order.
 
-    impacts: with the columns of a study's table, SI. reading: which law's e is the target.
+    impacts: n rows, with the columns of a study's table, SI. reading: which law's e is the target:
+    that of the column restitution_law or restitution_linear.
     """
     place = ["speed_m_per_s"]
     angle = np.zeros(len(impacts))

@@ -188,7 +188,8 @@ class Check:
 
 
 def plan(spec: CheckSpec) -> Check:
-    """Read names, units and files of a check before anything runs.
+    """Read names, units and files of a check before anything runs: its target, its launches, and its
+    limits. The speeds are those of the target where that has some and the user gave none.
 
     Raises UserError for several targets, for options that exclude each other and for files that
     cannot be read; QuantityError for text that is not a quantity. The model is not opened.
@@ -209,6 +210,7 @@ def plan(spec: CheckSpec) -> Check:
         if launch["speeds"] is None:
             request = replace(request, speeds=tuple(wanted.speeds.tolist()))
         _require_inside(request.speeds, wanted)
+    # A baseline has the launches that it was written with, and is held to a smaller error.
     baseline = None
     default_error = MAX_ERROR
     if options["baseline"] is not None:

@@ -298,8 +298,10 @@ def _complete(
     if not entry.models:
         raise UserError("model", "none given", "a file, or two URDF files")
     update: dict[str, Any] = {}
+    # What the whole table says.
     for name in SharedSpec.model_fields.keys() - entry.model_fields_set:
         update[name] = getattr(table, name)
+    # Paths, which start at the folder; a name of a material is none.
     for name in ("points", "baseline", "trajectory"):
         path = getattr(entry, name)
         if path:
@@ -310,6 +312,7 @@ def _complete(
     if package:
         update["package"] = {name: str(folder / path) for name, path in named_folders(package)}
     update["model"] = tuple(str(folder / model) for model in entry.models)
+    # One target alone: the entry's own is reset.
     if baseline is not None and entry.options["require"] is None:
         for name in ("material", "alpha", "restitution", "points", "target"):
             update[name] = OPTIONS[name].default

@@ -134,8 +134,10 @@ class _Interrupts:
         one.
         """
         now = time.monotonic()
+        # SIGALRM is one that waited, and comes again.
         if number != _AGAIN:
-            before, self._last = self._last, now
+            before = self._last
+            self._last = now
             if now - before < _REPEAT_S:
                 # One press may come as several signals while what is running is being ended.
                 return
@@ -196,6 +198,9 @@ def translate_errors(command: click.Command) -> click.Command:
 
     @functools.wraps(inner)
     def outer(*args: Any, **kwargs: Any) -> Any:
+        """Run the command; return its exit code, or None for 0. HcbenchErrors are raised under the
+        name of the option; click.Abort for Ctrl-C.
+        """
         try:
             require_outputs(click.get_current_context())
             return inner(*args, **kwargs)

@@ -78,6 +78,7 @@ def run_cases(
 
     Engines that are not beside hcbench run in their own environments (`hcbench engines add`).
     """
+    # limit: s, for each case of each engine.
     import json
 
     from hcbench.cases.score import known_failures, run_engines, score

@@ -123,6 +123,7 @@ def measure(
         rest=RestLimits(),
         contact=contact,
     )
+    # One of four things: a recorded motion, all pairs that touch, one pair, or a list of pairs.
     if trajectory is not None:
         _measure_trajectory(job, trajectory, asked.limit, as_json)
         return
@@ -133,6 +134,7 @@ def measure(
         with status("measuring"):
             measurement = measure_job(job, asked.limit)
     except PairUnnamed:
+        # Whoever asks for more than a list has to name a pair.
         if page is not None or contact or asked.wanted is not None:
             raise
         _list_pairs(job, asked.limit, as_json, models, python)

@@ -130,6 +130,8 @@ def options(
     """
 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        """The command with these options, in the order of their names."""
+        # The decorator that is applied last is the first in a help.
         for name in reversed(names):
             option = OPTIONS[name]
             flag = f"--{option.flag}"
@@ -209,6 +211,7 @@ class QuantityType(click.types.StringParamType):
         positive: bool = False,
         least: float = -math.inf,
     ) -> None:
+        """Keep what the class names; `least`, SI, and `positive` become bounds for `units.parse`."""
         self.quantity = quantity
         self.several = several
         self.name = _KINDS.get(quantity, "quantity") + ("s" if several else "")

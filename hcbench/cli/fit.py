@@ -49,6 +49,7 @@ class _FilesAfterAgainst(Command):
         # Whether the words are files of --against, and whether the last --against has none yet.
         is_after_against = False
         lacks_file = False
+        # The "--" at the end is a mark, an option like any other, and is taken out again.
         for word in [*args, "--"]:
             # A "-" alone is a file: standard input.
             is_option = re.match("-.", word) is not None
@@ -66,7 +67,6 @@ class _FilesAfterAgainst(Command):
                 spread.append("--against")
                 lacks_file = False
             spread.append(word)
-        # The mark of the end.
         spread.pop()
         return super().parse_args(ctx, spread)
 

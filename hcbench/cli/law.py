@@ -4,6 +4,7 @@ materials whose restitution is published; without a model.
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -108,6 +109,7 @@ def law(
     values = []
     for row in rows:
         texts = []
+        # The last field, warnings, is no column.
         for number in dataclasses.astuple(row)[: len(header)]:
             if number is None:
                 texts.append("-")
@@ -141,8 +143,8 @@ def _alphas(known: MaterialPair | None, given: tuple[Floats, ...]) -> list[float
 
 
 def _warn(rows: Sequence[ImpactSummary]) -> None:
-    """Print the warnings of impacts to stderr, of each kind one: those that begin alike are of one
-    kind.
+    """Print the warnings of impacts to stderr, of each kind one: those that differ only from their
+    first digit on are of one kind.
 
     rows: the impacts. The number of others of a kind stands behind its first.
     """
@@ -151,7 +153,8 @@ def _warn(rows: Sequence[ImpactSummary]) -> None:
         warnings |= dict.fromkeys(row.warnings)
     kinds: dict[str, list[str]] = {}
     for warning in warnings:
-        kinds.setdefault(warning[:12], []).append(warning)
+        before_number = re.split(r"\d", warning, maxsplit=1)[0]
+        kinds.setdefault(before_number, []).append(warning)
     for first, *others in kinds.values():
         more = ""
         if others:

@@ -191,9 +191,11 @@ def _table(drawn: RandomWorlds) -> list[str]:
 
     lines = [f"{'':<28} {'before':<8} worst world"]
     for quantity in QUANTITIES:
-        was = drawn.before.record[quantity.key] / quantity.si
-        now = max(after.record[quantity.key] for after in drawn.after) / quantity.si
+        was = drawn.before.record[quantity.key]
+        worlds = [after.record[quantity.key] for after in drawn.after]
+        # NaN is a world that does not come to rest, the worst of all; `max` may pass it over.
+        worst = math.nan if any(map(math.isnan, worlds)) else max(worlds)
         title = f"{quantity.title}, {quantity.unit}"
         if not math.isnan(was) and math.isfinite(quantity.enough):
-            lines.append(f"{title:<28} {was:<8.3g} {now:.3g}")
+            lines.append(f"{title:<28} {quantity.shown(was):<8} {quantity.shown(worst)}")
     return lines

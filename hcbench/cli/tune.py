@@ -107,6 +107,7 @@ def tune_engine(
     if answer.left_out:
         click.echo(answer.left_out, err=True)
     best = answer.best
+    # The file is written even where the answer is then beyond a limit.
     if write_scene is not None:
         adapter = registry.engine(engine)
         script = adapter.script(answer.scene, best.setting)
@@ -168,7 +169,9 @@ def _next_line(answer: Answer, model: str, pair: str, material: str | None) -> s
 
 
 def _require(answer: Answer, max_error: float, gate: Passivity | None) -> None:
-    """Raise LimitPassed where the answer is not what was asked for, or may not be recommended.
+    """Raise LimitPassed where the answer is not what was asked for, or may not be recommended; of
+    several reasons the first in this order: kind of setting, its flaws, bodies that it is not for,
+    error of e, the gate.
 
     answer: of a search. max_error: largest error of e that is allowed. gate: of `--certify`, None
     without.

@@ -46,6 +46,7 @@ def tune_model(
     begin_measuring(models, None)
     limit = MAX_ERROR if max_error is None else max_error
     files: dict[str, Any] = {"write_model": write_model, "write_include": write_include}
+    # The uncertainty of α plays no part in a model's own setting.
     value = None if alpha is None else alpha[0]
     source = models[0] if len(models) == 1 else models
     with status(f"trying settings in {sanitized(' + '.join(models))}"):
@@ -71,6 +72,7 @@ def tune_model(
         if tuned.gains:
             line = _next_line(tuned, limit, _tested(tuned, written, models), value, given)
             show(f"\n{_next_title(tuned, written, models)}\n  {line}")
+    # Of a robot's landing e is not the target, and its error no reason to fail.
     if landing is not None and (landing.worse or landing.rebound is not None):
         if tuned.gains:
             return
@@ -129,6 +131,7 @@ def _next_line(
     # Speeds at launch, as --speeds are; gravity makes those at touch higher.
     low, high = (f"{pair.curve[place].speed:.3g}" for place in (0, -1))
     speeds = low if low == high else f"{low}:{high}:5"
+    # The target, as an option; none of pairs v:e, for which `check` needs a file.
     asked = []
     if given.get("restitution") is not None:
         asked = [f"--restitution {given['restitution']:g}"]

@@ -144,7 +144,7 @@ def restitution_of_one(d: float) -> float:
     sum of Clenshaw's recurrence.
     """
     top = TOP
-    series = SERIES
+    series: tuple[float, ...] = SERIES
     if d <= LOW:
         top = LOW
         series = LOW_SERIES

@@ -90,7 +90,7 @@ class Approximation:
         if not over.size:
             return np.inf
         i = int(over[0])
-        low = 0.0
+        low = 0.0  # where no approximation is wrong
         if i > 0:
             low = float(grid[i - 1])
         return float(brentq(excess, low, float(grid[i]), xtol=1e-16, rtol=1e-13))

@@ -80,6 +80,7 @@ def figure_1() -> tuple[Figure, str]:
     left.fill_between(a.penetration[pull], a.force[pull], 0.0, color=RED, alpha=0.25, linewidth=0)
     spring = np.array([0.0, a.penetration.max()])
     left.plot(spring, linear.stiffness * spring, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
+    # Force at first touch, all of it the damper's, and the deepest point.
     shock = a.force[0]
     top = int(a.penetration.argmax())
     # Penetration at which the force is 0; reversed, as `interp` takes forces that rise.
@@ -179,6 +180,7 @@ def figure_3() -> Figure:
     axes.plot(loop.penetration, loop.force, color=BLUE)
     elastic = np.linspace(0.0, depth, 100)
     axes.plot(elastic, elastic**1.5, color=GREY, linestyle=(0, (4, 2)), linewidth=1.0)
+    # Of the energy lost, and heights of the loop to which the words point.
     share = float(approximations.inward_share(SKETCH_ALPHA_SPEED))
     at = float(np.interp(0.55 * depth, loop.penetration[inward], loop.force[inward]))
     axes.annotate(

@@ -144,6 +144,7 @@ def _bounce(number: float, spin: Floats, track: Floats) -> _Bounce | None:
     side, no touch near the lowest frame, more than 6 mm off the fitted arcs, or slower than 0.3
     m/s.
     """
+    # So short a track has too few frames on one side of its lowest one.
     if len(track) < 20:
         return None
     time = track[:, 0]
@@ -257,16 +258,17 @@ def outcome(
 
 
 def rigid(bounces: MeasuredBounces, e: float, friction: float) -> SettingErrors:
-    """Absolute errors of the normal speed after, m/s, of a rigid ball with a constant e and
+    """Absolute errors of the normal speed after, m/s, (n,), of a rigid ball with a constant e and
     Coulomb's friction.
 
-    bounces: velocities, m/s, and spins, rad/s, at the touch, z up. friction: μ, which changes the
+    bounces: n velocities, m/s, and spins, rad/s, at the touch, z up. friction: μ, which changes the
     speeds along the table alone.
     """
     # Velocity of the contact's point by the spin, m/s.
     lever = np.cross(bounces.spin, [0.0, 0.0, -RADIUS])[:, :2]
     slip = bounces.velocity[:, :2] + lever
     speed = np.linalg.norm(slip, axis=1)
+    # Normal impulse over the mass, m/s.
     push = (1.0 + e) * -bounces.velocity[:, 2]
     # Change of the speed along the table that stops the slip; friction cannot exceed it.
     stick = speed / (1.0 + MASS * RADIUS**2 / INERTIA)

@@ -363,6 +363,7 @@ def pack(folder: Path, path: Path) -> None:
 
     folder: the original repository's tosses. Each number keeps 1e-5 of its unit: half widths, or 1.
     """
+    # Of each toss its number, its frames, and the frames themselves, (frames, 7).
     numbers = []
     lengths = []
     differences = []

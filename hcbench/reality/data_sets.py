@@ -446,12 +446,14 @@ def smooth_least(tries: Sequence[tuple[Floats, float]]) -> Floats:
 
     tries: (point, shape (n,), and its score), one or more.
     """
+    # (m, n) and (m,) of m tries.
     points, scores = map(np.array, zip(*tries, strict=True))
     better = np.argsort(scores, kind="stable")[: max(len(tries) // 3, 1)]
     points = points[better]
     best: Floats = points[0]
     low = points.min(axis=0)
     high = points.max(axis=0)
+    # In shares of the ranges, from the best try.
     scale = np.maximum(high - low, 1e-12)
     x = (points - best) / scale
     n = x.shape[1]
@@ -467,6 +469,7 @@ def smooth_least(tries: Sequence[tuple[Floats, float]]) -> Floats:
     curvature = np.zeros((n, n))
     curvature[rows, cols] = coefficients[1 + n :]
     curvature = curvature + curvature.T
+    # The least eigenvalue comes first.
     if np.linalg.eigvalsh(curvature)[0] <= 0.0:
         return best
     at: Floats = best + scale * np.linalg.solve(curvature, -slope)

@@ -252,20 +252,24 @@ class _ImpactFit:
         sets = len(u)
         frames = len(self.time)
         turn, _, velocity, spin = self._after(u)
+        # Times from the touch, s, and a mask of the frames after it: (1, frames, 1) each.
         since = self.since[None, :, None]
         later = self.later[None, :, None]
+        # Free flight from the touch, backwards or forwards; the jump is of the frames after it.
         speeds = np.where(later, velocity[:, None], u[:, None, _VELOCITY])
         place = u[:, None, _PLACE] + np.where(later, u[:, None, _JUMPED], 0.0) + speeds * since
         place[..., 2] -= 0.5 * GRAVITY * self.since**2
         spins = np.where(later, spin[:, None], u[:, None, _SPIN]) * since
         jumps = np.where(later, u[:, None, _JUMP_TURN], 0.0) * np.ones_like(since)
-        each = np.repeat(np.arange(sets), frames)
+        # SciPy's rotations have one dimension: set after set, of each all frames.
+        of_set = np.repeat(np.arange(sets), frames)
+        of_frame = np.tile(np.arange(frames), sets)
         attitude = (
             Rotation.from_rotvec(spins.reshape(-1, 3))
             * Rotation.from_rotvec(jumps.reshape(-1, 3))
-            * turn[each]
+            * turn[of_set]
         )
-        away = (attitude.inv() * self.turns[np.tile(np.arange(frames), sets)]).as_rotvec()
+        away = (attitude.inv() * self.turns[of_frame]).as_rotvec()
         parts = (
             (place - self.place) / POSITION_NOISE, away.reshape(sets, frames, 3) / ROTATION_NOISE,
             u[:, None, _JUMPED] / _JUMP, u[:, None, _JUMP_TURN] / _TURN,
@@ -277,12 +281,13 @@ class _ImpactFit:
         lost, of unknowns, shape (b, 21): shape (b, 6), see `ImpactRead`.
         """
         turn, arm, velocity, spin = self._after(u)
+        # Velocity of the vertex at the touch, m/s, z up.
         arriving = u[:, _VELOCITY] + np.cross(u[:, _SPIN], arm)
         duration, leaving = self._up(u, turn, velocity, spin)
         slip = np.linalg.norm(arriving[:, :2], axis=1)
-        along = -np.einsum("bi,bi->b", u[:, _IMPULSE][:, :2], arriving[:, :2]) / np.maximum(
-            slip, 1e-9
-        )
+        # Impulse against the slip, N s.
+        work = np.einsum("bi,bi->b", u[:, _IMPULSE][:, :2], arriving[:, :2])
+        along = -work / np.maximum(slip, 1e-9)
         energy = self._energy(turn, u[:, _VELOCITY], u[:, _SPIN])
         lost = 1.0 - self._energy(turn, velocity, spin) / energy
         friction = along / u[:, _IMPULSE][:, 2]
@@ -313,6 +318,7 @@ class _ImpactFit:
         after = Rotation.from_rotvec(u[:, _JUMP_TURN]) * turn
         corner = after.apply(self.corners[self.vertex])
         height = u[:, _PLACE][:, 2] + u[:, _JUMPED][:, 2]
+        # About half of the 13 ms that a contact lasts.
         time = np.full(len(u), 7e-3)
         for _ in range(12):
             arm = Rotation.from_rotvec(spin * time[:, None]).apply(corner)
@@ -389,6 +395,7 @@ def _least_squares(
     best = start
     step = 1e-3 * _SCALES
     for _ in range(_ROUNDS):
+        # Residuals of the best unknowns, and with a step of each.
         here, *moved = left(np.vstack([best, best + np.diag(step)]))
         slopes = (np.array(moved) - here) / step[:, None]
         curvature = slopes @ slopes.T

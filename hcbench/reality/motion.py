@@ -187,6 +187,7 @@ def at_times(states: Floats, timestep: float, time: Floats) -> tuple[Floats, Flo
     timestep: s.
     time: s from the first state on, shape (n,).
     """
+    # Numbers of the states before each time, and how far it is from there to the next.
     before = np.minimum((time / timestep).astype(int), len(states) - 2)
     share = (time / timestep - before)[:, None]
     first = states[before]
@@ -391,10 +392,13 @@ def _after(body: Body, simulated: Sequence[Floats], timestep: float) -> tuple[Fl
         clear = (height > 0.0) & (states[:, VELOCITY][:, 2] > 0.0)
         clear[0] = False
         if clear.any():
+            # The first step at whose end it is clear, and the way up in it, m.
             k = int(np.argmax(clear))
             rise = height[k] - height[k - 1]
             # How much of a step ago it was at the plate: gravity has slowed it since.
-            share = float(np.clip(height[k] / rise, 0.0, 1.0)) if rise > 0.0 else 0.0
+            share = 0.0
+            if rise > 0.0:
+                share = float(np.clip(height[k] / rise, 0.0, 1.0))
             velocities.append(states[k, VELOCITY] + [0.0, 0.0, GRAVITY * (timestep * share)])
         else:
             k = len(states) - 1

@@ -151,16 +151,15 @@ def twins(
     """
     noise = np.random.default_rng(seed)
     tosses = [measured_motion.toss(timestep) for measured_motion in motions]
+    simulated = module.simulate(body, setting, values, timestep, tosses)
     made = []
-    for measured, states in zip(
-        motions, module.simulate(body, setting, values, timestep, tosses), strict=True
-    ):
+    for measured, states in zip(motions, simulated, strict=True):
         place, turn = at_times(states, timestep, measured.time - measured.time[0])
+        # The order of the draws is part of what the seed stands for: place, then attitude.
         place = place + noise.normal(0.0, POSITION_NOISE, place.shape)
-        shaken = Rotation.from_rotvec(noise.normal(0.0, ROTATION_NOISE, place.shape)) * rotation(
-            turn
-        )
-        made.append(motion(measured.number, body, measured.time, place, quaternions(shaken)))
+        small_turn = Rotation.from_rotvec(noise.normal(0.0, ROTATION_NOISE, place.shape))
+        shaken = quaternions(small_turn * rotation(turn))
+        made.append(motion(measured.number, body, measured.time, place, shaken))
     return made
 
 
@@ -244,14 +243,17 @@ def run(request: RealityRequest, pool: WorkerPool, tick: Tick | None = None) -> 
     for data in request.sets:
         cells.extend(_cells(request, parameters, data))
     with_variants = [cell for cell in cells if cell.data == "cube" and _has_variants(cell)]
+    # The variant "" is the corrected data, of which `cells` are.
     changed = []
     for variant in filter(None, VARIANTS):
         changed += [replace(cell, variant=variant) for cell in with_variants]
     # All in one go: no worker waits for the last cell of another part.
     outcomes = run_each(pool, outcome_of, [*cells, *changed], tick)
-    scores = [of_cell(cell, outcome) for cell, outcome in zip(cells, outcomes, strict=False)]
+    of_cells = outcomes[: len(cells)]
+    of_changed = outcomes[len(cells) :]
+    scores = [of_cell(cell, outcome) for cell, outcome in zip(cells, of_cells, strict=True)]
     by_variant: dict[str, list[SettingScore]] = {}
-    for cell, outcome in zip(changed, outcomes[len(cells) :], strict=True):
+    for cell, outcome in zip(changed, of_changed, strict=True):
         by_variant.setdefault(cell.variant, []).append(of_cell(cell, outcome))
     for data in request.sets:
         scores += _floors(request, parameters, pool, data)

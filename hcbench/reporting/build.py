@@ -258,6 +258,7 @@ def overview_figure(view: View, runs: list[RunKey]) -> Figure:
         curve = view.curve(run, alpha)
         if curve is not None:
             lines.append(_Line(nth, run, curve))
+    # The least e of 1 - α v, and of the curves that come near the law.
     lowest = 1 - alpha * fastest
     for line in lines:
         if line.highest > _FAR:
@@ -310,6 +311,7 @@ def _label_ends(axes: Axes, labels: list[_EndLabel]) -> None:
     low, high = axes.get_ylim()
     # As shares of the frame's height, as are the places of the names.
     ends = (np.clip([label.end for label in labels], low, high) - low) / (high - low)
+    # Height of a name, as a share of the figure's and then of the frame's.
     height = axes.get_position().height
     places = declutter(ends, 0.0444 / height, 0.0, 1.0)
     for end, place, label in zip(ends, places, labels, strict=True):

@@ -89,6 +89,7 @@ class LoopStore:
         """
         loop = [digits(values, 4) for values in columns]
         place = self.places.setdefault(json.dumps(loop), len(self.stored))
+        # It is new.
         if place == len(self.stored):
             self.stored.append(loop)
         return place
@@ -130,8 +131,8 @@ def _sentences_once(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def explorer_data(by_gravity: Views) -> dict[str, Any]:
-    """Everything that the explorer's script reads, by its names, JSON-able, SI; {} where no engine
-    ran over a band of speeds.
+    """Everything that the explorer's script reads, by the names of the script (`templates/explorer`),
+    as plain values of JSON, SI; {} where no engine ran over a band of speeds.
     """
     ran = _conditions_run(by_gravity)
     if not ran:
@@ -152,6 +153,7 @@ def explorer_data(by_gravity: Views) -> dict[str, Any]:
         runs += _runs(shown, loops, texts)
         heads[shown.gravity] = tables.heads(shown.gravity)
         fastest = max(fastest, float(shown.band[1]))
+    # The page opens with an answer of `tune`, if there is any.
     of_answers = list(map(operator.itemgetter(*_WHERE), answers))
     start = _start(of_answers or ran, view)
     scans = []
@@ -304,10 +306,12 @@ def _runs(view: View, loops: LoopStore, texts: tables.PastedTexts) -> Iterable[d
             phase = next(iter(of_run.values())).phase
             if abs(folded.of_loops.phase - phase) < abs(shown.phase - phase):
                 shown = folded.of_loops
+        # Number of the loop at each speed of the curve.
         numbers = [-1] * len(curve)
         for speed, loop in of_run.items():
             number = loops.add([loop.times, loop.penetrations, loop.forces])
-            numbers[int(np.abs(curve.speed - speed).argmin())] = number
+            nearest = int(np.abs(curve.speed - speed).argmin())
+            numbers[nearest] = number
         yield {
             **_drawn(view, run),
             "gravity": view.gravity,

@@ -59,6 +59,7 @@ def fit_page(
     typed: the words after `hcbench` that led here.
     scene: touches of one that bounces as the recording did, to be drawn; None for none.
     """
+    # Figures of the recordings, and what was heard in them, of those that are recordings.
     sounds = []
     heard = []
     for i, data in enumerate(result.sets):
@@ -148,6 +149,7 @@ def _residual_figure(result: FitResult) -> Figure:
         off = latent if data.needs_gravity else model.residual
         upper.plot(_numbers(data.touches(), len(off)), 100.0 * off, label=data.name, **style)
         lower.plot(_numbers(data.rows(), len(left)), np.clip(left, -10, 10), **style)
+    # Each panel with one standard deviation in its unit.
     for axes, scale, label in (
         (upper, 100.0 * fit.scatter, "error of e, %"),
         (lower, 1.0, "error, σ"),
@@ -185,21 +187,25 @@ def _scene_figure(scene: Replay) -> Figure:
     return figure
 
 
-def _sound_figure(s: TouchTimes) -> Figure:
-    """The waveform with the touches found, and up to four of them, the first, from near.
+def _sound_figure(heard: TouchTimes) -> Figure:
+    """The waveform over time, s, with the touches found, and the first four of them, or fewer, from
+    near, in ms about each.
 
-    s: touches with their recording.
+    heard: touches with their recording.
     """
-    assert s.recording is not None
-    sound = s.recording.sound
-    rate = s.recording.rate
-    begin = s.recording.begin
+    assert heard.recording is not None
+    sound = heard.recording.sound
+    # Samples a second, and time of the first, s.
+    rate = heard.recording.rate
+    begin = heard.recording.begin
     figure = new_figure(6.4, 4.2)
     grid = figure.add_gridspec(2, 4)
-    _draw_waveform(figure.add_subplot(grid[0, :]), s.recording, 0, len(sound), s.times)
-    numbers = range(len(s.times)) if s.numbers is None else s.numbers
-    for i, (number, touch) in enumerate(list(zip(numbers, s.times, strict=True))[:4]):
+    _draw_waveform(figure.add_subplot(grid[0, :]), heard.recording, 0, len(sound), heard.times)
+    numbers = range(len(heard.times)) if heard.numbers is None else heard.numbers
+    touches = list(zip(numbers, heard.times, strict=True))
+    for i, (number, touch) in enumerate(touches[:4]):
         axes = figure.add_subplot(grid[1, i])
+        # Samples from one _WINDOW before the touch to two after it.
         first = max(0, round((touch - begin - _WINDOW) * rate))
         last = round((touch - begin + 2 * _WINDOW) * rate)
         time = begin + np.arange(first, min(last, len(sound))) / rate
@@ -231,53 +237,56 @@ def _draw_waveform(
 
 
 def _heard(
-    i: int, s: TouchTimes, typed: Sequence[str]
+    i: int, heard: TouchTimes, typed: Sequence[str]
 ) -> tuple[str, str, list[tuple[str, str, object, str]]]:
-    """Name and sound of a recording, and per train: letter, description, its touches, and the
-    command for it.
+    """Name of a recording, its sound in base 64, and of each train of touches: letter, description,
+    figure (what `draw` returns), and the command for it.
 
     i: number of the recording, for the names of its figures.
-    s: touches with their recording, in which one train or more was heard.
+    heard: touches with their recording, in which one train or more was heard.
     typed: the words after `hcbench` that led here; the command adds `--touches` to them.
     """
     trains: list[tuple[str, str, object, str]] = []
-    for (letter, count, first, last, alpha, *_), picks in zip(trains_of(s), s.heard, strict=True):
-        image = draw(Drawing(f"heard-{i}-{letter}", partial(_train_figure, s, picks.times)))
+    for about, picks in zip(trains_of(heard), heard.heard, strict=True):
+        letter, count, first, last, alpha, *_ = about
+        image = draw(Drawing(f"heard-{i}-{letter}", partial(_train_figure, heard, picks.times)))
         description = f"{count} touches from {first} to {last}"
         if alpha:
             description += f", α = {alpha}"
         trains.append(
             (letter, description, image, f"hcbench {shlex.join(typed)} --touches {letter}")
         )
-    return s.name, _played(s), trains
+    return heard.name, _played(heard), trains
 
 
-def _around(s: TouchTimes) -> tuple[int, int]:
-    """First sample of the part about all trains of a recording, _BESIDE s longer at either end, and
-    the one after its last.
+def _around(heard: TouchTimes) -> tuple[int, int]:
+    """Number of the first sample of the part about all trains of a recording, _BESIDE s longer at
+    either end, and of the one after its last.
     """
-    assert s.recording is not None
-    times = np.concatenate([picks.times for picks in s.heard]) - s.recording.begin
-    first = round((times.min() - _BESIDE) * s.recording.rate)
-    last = round((times.max() + _BESIDE) * s.recording.rate)
-    return max(0, first), min(last, len(s.recording.sound))
+    assert heard.recording is not None
+    times = np.concatenate([picks.times for picks in heard.heard]) - heard.recording.begin
+    first = round((times.min() - _BESIDE) * heard.recording.rate)
+    last = round((times.max() + _BESIDE) * heard.recording.rate)
+    return max(0, first), min(last, len(heard.recording.sound))
 
 
-def _played(s: TouchTimes) -> str:
+def _played(heard: TouchTimes) -> str:
     """The part of the sound that holds the trains, at full level: a WAV file in base 64."""
-    assert s.recording is not None
-    first, last = _around(s)
-    part = s.recording.sound[first:last]
-    samples = np.round(32767 * part / max(float(np.abs(part).max()), 1e-12)).astype(np.int16)
+    assert heard.recording is not None
+    first, last = _around(heard)
+    part = heard.recording.sound[first:last]
+    # Silence has no level to raise.
+    loudest = max(float(np.abs(part).max()), 1e-12)
+    samples = np.round(32767 * part / loudest).astype(np.int16)
     file = io.BytesIO()
-    wavfile.write(file, s.recording.rate, samples)
+    wavfile.write(file, heard.recording.rate, samples)
     return base64.b64encode(file.getvalue()).decode("ascii")
 
 
-def _train_figure(s: TouchTimes, touches: Floats) -> Figure:
-    """The part that is played, with the touches (s) of one train."""
-    assert s.recording is not None
-    first, last = _around(s)
+def _train_figure(heard: TouchTimes, touches: Floats) -> Figure:
+    """The part that is played, over time, with the touches, s, (n,), of one train."""
+    assert heard.recording is not None
+    first, last = _around(heard)
     figure = new_figure(6.4, 1.8)
-    _draw_waveform(figure.subplots(), s.recording, first, last, touches)
+    _draw_waveform(figure.subplots(), heard.recording, first, last, touches)
     return figure

@@ -345,6 +345,7 @@ def curves_of(figure: Figure) -> pd.DataFrame:
         y_axis = axes.get_ylabel() or _shared(axes, "y")
         for place, line in enumerate(axes.get_lines(), 1):
             x, y = (np.asarray(each, dtype=float) for each in line.get_data(orig=False))
+            # A line across the panel is in shares of it, not in the units of its axes.
             if line.get_transform() != axes.transData or len(x) < _LEAST_POINTS:
                 continue
             # Matplotlib gives a line without a label one that begins with an underscore.

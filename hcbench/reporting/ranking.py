@@ -54,6 +54,7 @@ def _choice(view: View, answer: Mapping[str, Any], choice: Mapping[str, Any]) ->
     setting = str(choice["setting"])
     alpha = float(answer["alpha"])
     timestep = float(answer["timestep"])
+    # The run with this setting, and the engine with nothing set, as far as the study has them.
     drawn = []
     for run in view.band_runs:
         here = run.engine == answer["engine"] and run.timestep == timestep
@@ -204,8 +205,10 @@ def over_constant(view: View, run: RunKey, alpha: float) -> float:
     would do better; NaN for no score.
     """
     score = view.score(run, alpha)
-    line = math.nan if score is None else float(score["constant_error_law"])
-    return error_of(view, run, alpha) / max(line, _NO_LINE)
+    if score is None:
+        return math.nan
+    of_constant = float(score["constant_error_law"])
+    return error_of(view, run, alpha) / max(of_constant, _NO_LINE)
 
 
 def grade(view: View, ratio: float) -> str:
@@ -260,6 +263,7 @@ def lacks(view: View, run: RunKey) -> tuple[str, ...]:
     It does not come to rest, sinks too deep at rest, or goes too deep in a bounce.
     """
     reasons = []
+    # None for a run that was not dropped.
     rest = view.rests.get(run)
     if rest is not None:
         if not lies_still(view, run):
@@ -403,6 +407,7 @@ def overview_runs(view: View) -> list[RunKey]:
     contact, and the best that does.
     """
     picked = stock_runs(view)
+    # Of each group, the best of each engine is picked.
     groups: list[list[RunKey]] = []
     if view.gravity:
         picked = _at_shortest_step(picked)

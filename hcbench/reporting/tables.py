@@ -85,6 +85,7 @@ def under(results: Results, gravity: float) -> Results:
     """
     import pandas as pd
 
+    # A row for each setting, α and step that ran.
     rows = pd.DataFrame(results.settings, columns=["scene", *CONDITIONS, *_RUN])
     plain = (rows["gravity_m_per_s2"] == gravity) & (rows["off_axis_m"] == 0.0)
     plain &= rows["friction"] == rows["friction"][plain].min()
@@ -96,9 +97,11 @@ def under(results: Results, gravity: float) -> Results:
     chosen_values = set(chosen.itertuples(index=False, name=None))
 
     def is_chosen(values: Mapping[str, Any]) -> bool:
+        """Say whether a setting's record, or key as a mapping, is of a chosen run."""
         return tuple(values[name] for name in chosen.columns) in chosen_values
 
     def pick(table: pd.DataFrame) -> pd.DataFrame:
+        """Rows of the chosen runs; pandas joins by all columns that both tables have."""
         if table.empty:
             return table
         return table.merge(chosen)
@@ -147,6 +150,7 @@ def rows(by_gravity: Views, results: Results) -> list[dict[str, Any]]:
         return []
     shown = []
     for run, keys in _keys_by_run(results, view.main_alpha).items():
+        # Nothing to compare: it ran on the axis alone.
         if all(key[_SCENE] == study["scene"] and key[_OFF_AXIS] == 0.0 for key in keys):
             continue
         gravity = run[_RUN_AT_GRAVITY.index("gravity_m_per_s2")]
@@ -190,7 +194,10 @@ def _error(rows: pd.DataFrame) -> str:
 
 
 def _difference(axis: pd.Series, other: pd.Series) -> str:
-    """Largest difference of e between launches made at both places; "–" where there are none."""
+    """Largest difference of e between launches made at both places; "–" where there are none.
+
+    axis, other: e by launch speed and phase, by which pandas pairs them.
+    """
     return wording.error(float((other - axis).dropna().abs().max())) if len(other) else "–"
 
 
@@ -388,6 +395,7 @@ def oblique(view: View | None) -> list[Cells]:
     """
     if view is None:
         return []
+    # Of each run, for each gravity and friction: error of e, error of friction, largest e.
     runs: dict[RunKey, list[tuple[float, float, float]]] = {}
     for run, one in view.of_main_alpha():
         if one.friction is not None:
@@ -395,6 +403,7 @@ def oblique(view: View | None) -> list[Cells]:
             runs.setdefault(run, []).append((one.off, one.friction, largest_e))
     rows = []
     for run, worst in runs.items():
+        # The largest of each; NaN counts as none.
         off, friction, e = np.fmax.reduce(worst).tolist()
         rows.append(
             {

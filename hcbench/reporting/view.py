@@ -177,8 +177,12 @@ class View:
     def tabled_runs(self) -> list[RunKey]:
         """Runs over enough speeds to show a curve, in the study's order."""
         enough = min(CURVE_SPEEDS, len(self.study["speeds"]))
-        tried = self.head_on.items()
-        return list(dict.fromkeys(run for (run, _), folded in tried if len(folded.curve) >= enough))
+        # A dict keeps each run once, in order.
+        runs: dict[RunKey, None] = {}
+        for (run, _alpha), folded in self.head_on.items():
+            if len(folded.curve) >= enough:
+                runs[run] = None
+        return list(runs)
 
     @cached_property
     def band_runs(self) -> list[RunKey]:

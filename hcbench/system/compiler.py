@@ -133,6 +133,7 @@ def _compile(command: list[str], target: Path) -> None:
     with what the compiler said, why it could not be run, or that what it wrote does not load;
     OSError where the file cannot be written.
     """
+    # As errors call the compiler.
     name = command[0]
     if named := os.environ.get("CC"):
         name = f"CC={named}"

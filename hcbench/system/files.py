@@ -361,6 +361,7 @@ def scratch_folder(folder: Path, alone: bool = False) -> Iterator[Path]:
     is_scratch = folder.name.endswith(_SCRATCH_END)
     with nullcontext() if is_scratch else _locked(folder):
         for left in folder.glob(f"{_SCRATCH_BEGIN}*{_SCRATCH_END}"):
+            # One whose lock can be had has no owner any more.
             try:
                 with suppress(FileNotFoundError), _locked(left, wait=False):
                     shutil.rmtree(left, ignore_errors=True)
@@ -422,6 +423,7 @@ def _move_all(scratch: Path, folder: Path) -> None:
     for item, name in zip(items, written, strict=True):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         item.replace(folder / name)
+    # What an earlier block wrote and this one did not: only files of a kind that reports have.
     for name in earlier.keys() - written.keys():
         stale = folder / name
         is_report_file = (

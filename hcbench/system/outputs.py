@@ -64,6 +64,7 @@ def require_outputs(
     the file of another option; OutputError for a missing permission.
     """
     read = list(_existing(list(inputs)))
+    # By its file, the option that came first.
     seen: dict[Path, str] = {}
     for option, path in outputs.items():
         if _leads_to_itself(path):

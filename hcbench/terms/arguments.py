@@ -86,6 +86,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     """
     signature = _spelled_out(function)
     names = signature.parameters
+    # Parameters that a call may give by place, `*rest` after them, and whether it has `**rest`.
     in_places: list[str] = []
     after_them: list[str] = []
     takes_others = False
@@ -245,6 +246,7 @@ def _fits(value: Any, hint: Any) -> bool:
     # The usual case, answered at once. An int may still be too large.
     if type(value) is hint and hint is not int:
         return True
+    # `list` of `list[int]`; None of a type without parts.
     origin = get_origin(hint)
     test = _TESTS.get(origin or hint)
     if test is None and isinstance(origin, type):

@@ -188,6 +188,7 @@ def validate(
         return table.model_validate(dict(content))
     except ValidationError as caught:
         first = _first(caught)
+    # Where it is, the table there, and what that takes; the rest depends on Pydantic's kind of error.
     path, inner, expected = _place(table, first["loc"])
     got = f"{first['input']!r:.60}"
     advice = ""

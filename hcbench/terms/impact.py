@@ -132,8 +132,10 @@ class Launch:
             return cls(speed=speed, phase=phase, height=None, slip=slip, spin=spin)
         # Speed that gravity gives in a step, m/s.
         gain = gravity * timestep
+        # Whole steps of flight before that of the touch.
         steps = min(steps_most, math.floor(speed / gain - share - phase))
         if steps < 0:
+            # From rest, at the height that gives the speed: (share g h)² + 2 g z = speed².
             fallen = max(0.0, speed * speed - (share * gain) * (share * gain))
             return cls(
                 speed=0.0, phase=phase, height=fallen / (2.0 * gravity), slip=slip, spin=spin
@@ -284,6 +286,7 @@ class Trajectory:
         waiting = [(0, last)]
         while waiting:
             start, end = waiting.pop()
+            # Distance of the steps between from the straight line over time.
             share = (self.time[start + 1 : end] - self.time[start]) / (
                 self.time[end] - self.time[start]
             )

@@ -298,9 +298,14 @@ def without_pint(value: object, quantity: str, slot: str, exponent: float = 1.5)
 
 
 def _fraction(text: str) -> float:
-    """A number, or one over a whole one: "1/240"."""
+    """The number of a text such as "0.5", or one over a whole one, "1/240"; infinite over 0, which
+    the bounds refuse.
+    """
     over, _, under = text.partition("/")
-    return float(over) / float(under or 1) if float(under or 1) else math.inf
+    divisor = float(under or 1)
+    if divisor == 0.0:
+        return math.inf
+    return float(over) / divisor
 
 
 def _near(text: str) -> str:
@@ -331,6 +336,7 @@ def parse_uncertain(
     match = _UNCERTAIN.fullmatch(value) if isinstance(value, str) else None
     if match is None:
         return parse(value, quantity, slot, least=least, above=above), 0.0
+    # "(0.31 +- 0.004) s/m" has its unit there, for both.
     behind_bracket = match["unit"] or ""
     number = f"{match['value']} {behind_bracket}".strip()
     error = f"{match['by']} {behind_bracket}".strip()
@@ -428,6 +434,7 @@ def _listed(text: str, kind: QuantityKind, slot: str) -> list[float]:
     decimal one, units at some values only, text that is not a unit of the kind, and a range's count
     as `_expand`.
     """
+    # Matches of _PIECE, one for each item of the list.
     pieces = []
     for part in text.split(","):
         piece = _PIECE.fullmatch(part)
@@ -443,6 +450,7 @@ def _listed(text: str, kind: QuantityKind, slot: str) -> list[float]:
         near = comma[0].replace(",", ".")
         raise QuantityError(slot, got, f"{near!r}, or a space after the comma of a list")
     units = [(piece["unit"] or "").strip() for piece in pieces]
+    # A unit at the end alone is that of all.
     last = units[-1]
     if any(units[:-1]) and not all(units):
         expected = "one unit at the end for the whole list, or one at each value"

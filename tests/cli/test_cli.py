@@ -64,6 +64,17 @@ def test_reference_takes_ranges_and_warns_where_the_paper_ends(
     assert any("speed" in warning for warning in rows[-1]["warnings"])
 
 
+def test_warnings_that_differ_in_their_numbers_are_printed_once(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert (
+        run(["law", "--alpha", "0.3", "--speeds", "0.1, 0.635, 1 m/s", "--stiffness", "1e6"]) == 0
+    )
+    warnings = capsys.readouterr().err.splitlines()
+    kinds = [(line.split()[1], line.endswith("(and 1 more)")) for line in warnings]
+    assert kinds == [("speed", True), ("α", True)]
+
+
 def test_every_commands_summary_fits_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["--help"]) == 0
     lines = capsys.readouterr().out.partition("Commands:\n")[2].partition("\n\n")[0].splitlines()

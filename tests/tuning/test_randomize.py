@@ -7,6 +7,8 @@ import io
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import mujoco
 import numpy as np
@@ -15,9 +17,11 @@ from scipy import stats
 
 import hcbench as hb
 from hcbench.cli import run
+from hcbench.cli.randomize import _table
 from hcbench.measuring.request import make_request
 from hcbench.sim import registry
 from hcbench.sim.capabilities import TunesModels
+from hcbench.sim.rest import UNKNOWN
 from hcbench.system.errors import UserError
 from hcbench.tuning.random_worlds import RandomWorlds, p_uniform
 from hcbench.tuning.randomize import sliced
@@ -232,3 +236,12 @@ def test_the_command_writes_both_files_and_the_model_takes_the_arrays(
         )
     assert run([*words.split(), "--out", "p.npz"]) == 0
     assert run([*words.split(), "--out", "ball.xml"]) == 2
+
+
+def test_the_worst_world_of_the_table_is_one_that_does_not_come_to_rest() -> None:
+    still = dataclasses.replace(UNKNOWN, penetration=1e-4, vibration=1e-6)
+    restless = dataclasses.replace(still, vibration=np.nan)
+    # A NaN behind a number is what `max` passes over.
+    drawn = SimpleNamespace(before=still, after=[still, restless])
+    lines = _table(cast("RandomWorlds", drawn))
+    assert [line.split()[-1] for line in lines] == ["world", "0.1", "rest"]

@@ -129,6 +129,7 @@ def _simulate(
     """
     system, _ = cases[0]
     position, velocity = start.tolist()
+    # A column for each case: N, Hz, rad, m, and the size of its motion, m and m/s.
     numbers = np.empty((6, len(cases)))
     for i, (body, drive) in enumerate(cases):
         size = motion_size(body, position, velocity, abs(drive.amplitude), drive)
@@ -185,6 +186,7 @@ class _CycleRecorder:
         self.highest[rows] = np.maximum(self.highest[rows], y[0])
         self.lowest[rows] = np.minimum(self.lowest[rows], y[0])
         self.touches[rows] += ((before == APART) & (after != APART)).any(axis=0)
+        # Of those that end a cycle, those whose cycle is kept, and the column that it has.
         ends = rows[arrived]
         y = y[:, arrived]
         late = self.column[ends] >= 0

@@ -171,6 +171,7 @@ class _Batch:
         t = self.t[rows]
         y = self.y[:, rows]
         mode = self.mode[:, rows]
+        # Rates at each stage of the step.
         k = np.empty((_STAGES, *y.shape))
         k[0] = self.system.rates(t, y, mode, rows)
         for i in range(1, _STAGES):
@@ -179,6 +180,8 @@ class _Batch:
         of_fifth, of_third = _ERRORS
         fifth = ((_mix(of_fifth, k) / size) ** 2).sum(axis=0)
         third = ((_mix(of_third, k) / size) ** 2).sum(axis=0)
+        # As Hairer, Norsett and Wanner have it in DOP853: the error of third order keeps the
+        # estimate from being 0 where that of fifth order happens to vanish.
         bottom = np.sqrt(len(y) * (fifth + 0.01 * third))
         return y + h * _mix(_B, k), h * fifth / np.maximum(bottom, 1e-300)
 
@@ -248,6 +251,7 @@ class _Batch:
         arrived = h >= until - self.t[rows]
         before = self.mode[:, rows]
         goal = self.goal[rows]
+        # Exactly at the checkpoint, and exactly at rest where the mass turns.
         self.t[rows] = np.where(arrived, until, self.t[rows] + h)
         y[1, goal == TURN] = 0.0
         self.y[:, rows] = y
@@ -328,6 +332,10 @@ def simulate(
     events = []
 
     def record(_: Indices, t: Floats, y: Floats, before: Modes, after: Modes, __: Flags) -> None:
+        """Keep the state of the one oscillator after a step, and the changes of its two contacts.
+
+        t: s, (1,). y: (4, 1). before, after: modes, (2, 1).
+        """
         times.append(float(t[0]))
         states.append(y[:, 0].copy())
         for side, (sign,) in enumerate(SIGNS.tolist()):
@@ -396,7 +404,9 @@ def _checked(drive: Drive, time: float) -> float:
 
 
 def _largest(drive: Drive | None, until: float) -> float:
-    """Largest P, N."""
+    """Largest |P|, N, of a drive up to a time, s: of a sinusoid its amplitude, of any other that of
+    257 samples; 0 without one. Raises UserError as `_checked`.
+    """
     if isinstance(drive, Sinusoid):
         return abs(drive.amplitude)
     return float(np.abs(_force_of(drive, np.linspace(0.0, until, 257))).max())
@@ -468,7 +478,9 @@ def _solve(rising: Callable[[float], float], wanted: float) -> float:
     """Find x > 0, m, at which a rising function reaches the value `wanted`, by bisection on a
     logarithmic scale, from 1e-15 to 1e6 m; beyond, the nearer end.
     """
-    low, high = 1e-15, 1e6
+    low = 1e-15
+    high = 1e6
+    # Each halves the 48 that are between the logarithms of both ends: to the last digit.
     for _ in range(60):
         middle = math.sqrt(low * high)
         if rising(middle) < wanted:

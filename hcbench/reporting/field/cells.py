@@ -183,7 +183,8 @@ def features(
 
 
 def _feature_cells(view: FieldView, engine: str, probe: Probe | None) -> list[Feature]:
-    """Cells of an engine, in the order of FEATURES; "–" for one that nothing is known of.
+    """Cells of an engine, in the order of FEATURES; "–" for one that nothing is known of. What was
+    seen in this run goes before what the engine's folder states.
 
     engine: with its version. probe: None where it could not run.
     """
@@ -375,6 +376,7 @@ def _error(view: FieldView, here: tuple[str, float, float], kind: str) -> Matrix
     here: engine, gravity (m/s²), time step (s). kind: CONSTANT, SETTINGS or PLUGIN.
     """
     engine, gravity, timestep = here
+    # The best that loses no impact and gains no energy; None where none does.
     case = view.best(engine, gravity, timestep, kind)
     tried = view.cases(engine, gravity, timestep, kind)
     if not tried:
@@ -434,13 +436,15 @@ def _energy(view: FieldView, engine: str, cases: list[Case]) -> MatrixCell:
 
 
 def _slow(view: FieldView, own: Case | None, plugin: Case | None) -> MatrixCell:
-    """Cell of the impact speed below which a body stays down, m/s: the higher one of two settings.
+    """Cell of the impact speed below which a body stays down, m/s: the higher one of two settings;
+    "–" where neither ran.
 
     own: the engine's best setting, plugin: its best plug-in; None for one that did not run.
     """
     downs = [(view.stays_down(case), case) for case in (own, plugin) if case is not None]
     if not downs:
         return MatrixCell("–")
+    # 0 where all impacts bounce, infinite where none does.
     down, case = max(downs)
     if not down:
         return MatrixCell("all bounce", "", "good", 0.0, case)

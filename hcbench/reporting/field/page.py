@@ -87,6 +87,7 @@ def steps_figure(view: FieldView) -> Figure:
     plug-in; without gravity and with, dashed. Errors beyond the panel are drawn at its edge.
     """
     figure, panels = _panels(view, view.engines)
+    # Function that gives a case by engine, gravity (m/s²) and step (s), and the style of its line.
     kinds: list[tuple[Callable[[str, float, float], Case | None], dict[str, Any]]] = [
         (view.stock, _STOCK),
         (view.best, _BEST),
