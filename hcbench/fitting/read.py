@@ -26,7 +26,7 @@ from hcbench.fitting.columns import (
     require_one_drop,
     row_order,
 )
-from hcbench.fitting.datasets import TouchTimes
+from hcbench.fitting.datasets import TouchTimes, rounding_of
 from hcbench.fitting.facts import require_usual_fall
 from hcbench.fitting.force import fit_loop, fit_pulse
 from hcbench.fitting.heights import Heights, SpeedPairs
@@ -91,6 +91,8 @@ _OF_SOMETHING_ELSE = frozenset({"height_in", "speed", "speed_in", "speed_out"})
 _NUMBERS = {"number", "bounce", "touch"}
 # Bounces in a row that may be missing from a table: numbers with wider gaps count something else.
 _MOST_UNSEEN = 3
+# Rounding of times, s, below which two drops do not agree by chance.
+_NO_CHANCE = 1e-4
 # Bounces not seen that a sentence names.
 _MOST_SHOWN = 6
 # Letters of the trains in a recording, the likeliest first.
@@ -213,20 +215,21 @@ def _require_all_read(
 
 
 def _different(found: list[Dataset]) -> list[Dataset]:
-    """Data sets without times that another one has whole: phyphox writes a stopwatch's first times
-    into several sheets.
+    """Data sets, without precise times that another one has whole: phyphox writes a stopwatch's first
+    times into several sheets. Of rounded ones two drops may be alike.
     """
-    times = [data for data in found if isinstance(data, TouchTimes)]
+    times = [
+        data
+        for data in found
+        if isinstance(data, TouchTimes) and rounding_of(data.times) < _NO_CHANCE
+    ]
     kept: list[TouchTimes] = []
     for data in sorted(times, key=lambda one: -len(one.times)):
         if not any(_begins_with(other, data) for other in kept):
             kept.append(data)
     # By identity: data sets hold arrays, which have no one answer to ==.
-    return [
-        data
-        for data in found
-        if not isinstance(data, TouchTimes) or any(data is one for one in kept)
-    ]
+    dropped = [one for one in times if not any(one is other for other in kept)]
+    return [data for data in found if not any(data is one for one in dropped)]
 
 
 def _begins_with(longer: TouchTimes, data: TouchTimes) -> bool:
