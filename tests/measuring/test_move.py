@@ -128,3 +128,13 @@ def test_pybullet_launches_the_base_or_the_leg(tmp_path: Path) -> None:
         assert found.curve[0].speed_in > 0
     with pytest.raises(UserError, match="moves neither"):
         measure(files, speeds=[0.5], diagnose=False, move="joint:hip", qpos="base=0, 0, 0.5")
+
+
+def test_a_joint_with_a_name_longer_than_is_shown_moves_by_it() -> None:
+    name = 100 * "s"
+    text = ROVER.replace('name="suspension"', f'name="{name}"')
+    moved = measure(
+        text, "geom:tyre,ground", speeds=[0.5], phases=[0.3], diagnose=False, move=f"joint:{name}"
+    )
+    own = launched("joint:suspension")
+    assert moved.facts.effective_mass == own.facts.effective_mass

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from hcbench.measuring import Measurement, measure
@@ -37,6 +39,14 @@ def test_a_ball_lies_as_deep_as_its_constraint_yields_to_its_weight() -> None:
     assert found.rest.vibration < 1e-6
     assert found.rest.force_noise < 1e-6
     assert not found.rest_causes
+
+
+def test_a_vibration_that_dies_away_is_waited_for() -> None:
+    """Laid down, it sags by g/k: a damping b leaves exp(-b t/2) of its swing, after 12 s of 2 to 4."""
+    found = at_rest('solref="-2000 -1" solimp="1 1 .001 .5 2"')
+    assert found.rest is not None
+    after_4_s = 9.81 / math.sqrt(2000.0) * math.exp(-0.5 * 2.0)
+    assert 0.0 < found.rest.vibration < 0.05 * after_4_s
 
 
 def test_a_soft_contact_is_the_cause_of_a_deep_rest() -> None:

@@ -184,7 +184,7 @@ def test_friction_is_set_but_not_measured_where_joints_keep_a_pair_from_sliding(
 def test_friction_that_stops_each_launch_is_said_and_is_no_other_distribution(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """What stopped before it left was put down to joints, or refused as "not uniform"."""
+    """A stop before the leaving was put down to joints, or refused as "not uniform"."""
     monkeypatch.setattr("hcbench.tuning.randomize._KEPT_SLIP", 1.0)
     worlds = hb.randomize(
         model(), "ball,floor", restitution=BAND, friction=RUBS, worlds=40, speeds="1 m/s"

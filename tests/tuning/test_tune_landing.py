@@ -18,7 +18,7 @@ from long_searches import long_search
 
 import hcbench as hb
 from hcbench.cli import run
-from hcbench.cli.tune_model import landing_table
+from hcbench.cli.tune_model import _next_line, landing_table
 from hcbench.measuring import Wanted
 from hcbench.measuring.request import make_request
 from hcbench.sim import registry
@@ -404,6 +404,11 @@ SPRUNG = """<mujoco><option timestep="2e-3"/><worldbody><geom name="floor" type=
 </worldbody></mujoco>"""
 
 
+SOFT = """<mujoco><worldbody><geom name="floor" type="plane" size="2 2 .1"/>
+<body pos="0 0 .3"><freejoint/><geom name="ball" type="sphere" size=".05" mass=".2"/></body>
+</worldbody></mujoco>"""
+
+
 def test_a_hopper_on_springs_is_judged_as_it_lands(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -417,6 +422,14 @@ def test_a_hopper_on_springs_is_judged_as_it_lands(
     assert "rebound from 10 cm, mm, mean of 4 flat" in said.out
     assert "the smallest rebound without a worse landing is" in said.err
     assert not out.exists()
+
+
+def test_the_next_line_has_the_speeds_of_the_launches_not_those_at_touch() -> None:
+    found = hb.tune_model(SOFT, "ball,floor", restitution=0.9, speeds="0.5:2 m/s")
+    low, _ = found.pairs[0].band
+    assert low > 0.505
+    given = {"restitution": 0.9, "material": None, "pair": ["ball,floor"]}
+    assert '--speeds "0.5:2:5 m/s"' in _next_line(found, 0.05, "soft.xml", None, given)
 
 
 def test_a_setting_with_which_a_launch_gains_energy_is_not_written() -> None:

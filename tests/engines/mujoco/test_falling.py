@@ -1,4 +1,4 @@
-"""Which trees of bodies fall, by which joints, and which of several is the robot."""
+"""Trees of bodies that fall: by which joints, and which of several is the robot."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ def test_weight_adds_to_the_approach_of_a_falling_ball_and_damping_takes_from_it
 
 @pytest.mark.skipif(not hasattr(mujoco.MjModel, "flg_adhesion"), reason="an older MuJoCo")
 def test_the_pull_of_a_contact_is_not_that_of_springs_or_damping() -> None:
-    """It adds F h / m to the approach in a step."""
+    """A pull F adds F h / m to the approach in a step."""
     pulled = '<geom type="plane" size="1 1 1" adhesion="3"/><body pos="0 0 .099">'
     model = mujoco.MjModel.from_xml_string(BALL.replace('<body pos="0 0 1">', pulled))
     data = mujoco.MjData(model)
