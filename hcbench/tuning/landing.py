@@ -62,7 +62,12 @@ def tune_landing(
     output: where the texts are to be written.
     Else the answer is the first setting that has the rebound and makes nothing worse; or the one
     that makes the fewest quantities worse, of those whose rebound is nearer than the model's.
+    Raises UserError where the drops of the model as it is have no end.
     """
+    if before.diverged:
+        got = "the robot flies off, or never lands, in drops of the model as it is"
+        advice = "Try a smaller --timestep, another pose, or smaller gains"
+        raise UserError("model", got, "a robot that lands", advice)
     if before.meets(rebound):
         return _tuned(None, LandingChange(before, before, rebound), output)
     found = engine.rebound_settings(source, requests, before, rebound)

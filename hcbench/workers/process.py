@@ -358,6 +358,8 @@ def can_fork() -> bool:
 
 # PR_SET_PDEATHSIG of prctl(2).
 _SET_PARENT_DEATH_SIGNAL = 1
+# Found once, here: what a copy would look up, it would copy the pages of.
+_prctl = ctypes.CDLL(None).prctl if CAN_FORK else None
 # Time between two looks at whether the copy has ended, s.
 _POLL_S = 1e-3
 
@@ -431,7 +433,8 @@ def _run(parent: int, function: Callable[[], object]) -> NoReturn:
     program of the parent.
     """
     try:
-        ctypes.CDLL(None).prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
+        assert _prctl is not None, "only Linux forks here"
+        _prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
         # Objects of the parent's are not looked at again, so that both go on sharing its memory.
         gc.freeze()
         for number in signal.valid_signals():

@@ -27,6 +27,7 @@ from hcbench.sim.landing import DROPS, HEIGHTS, PHASES, QUANTITIES, DropTest, Re
 from hcbench.sim.model_under_test import ModelSetting, Output
 from hcbench.sim.rest import UNKNOWN
 from hcbench.system.errors import UserError
+from hcbench.tuning.landing import tune_landing
 from hcbench.tuning.model import _best, _Try
 from hcbench.tuning.tuned_model import LandingChange
 
@@ -250,6 +251,17 @@ def test_a_drop_that_diverged_is_said_to_in_each_line_of_the_table() -> None:
     _, _, rest, *others = landing_table(LandingChange(was, never))
     assert rest.split()[-1] == "never"
     assert not any("never" in line or "diverged" in line for line in others)
+
+
+def test_a_robot_whose_own_drops_have_no_end_is_refused() -> None:
+    """The table was one of "diverged", and the smallest rebound "inf mm"."""
+    landing = tuned(rebound=0.02).landing
+    assert landing is not None
+    lost = drop_test(landing.before.robot, {DROPS[0]: None}, landing.before.seconds)
+    engine = registry.engine("mujoco")
+    assert isinstance(engine, TunesModels)
+    with pytest.raises(UserError, match=r"never lands.*smaller --timestep"):
+        tune_landing(engine, QUADRUPED, [make_request(FEET[0])], lost, 0.02, Output())
 
 
 @cache

@@ -115,3 +115,13 @@ def test_two_urdfs_are_one_robot_and_its_floor(
     out = capsys.readouterr().out
     assert "hopper.urdf (2.5 kg)" in out
     assert "position motors hold 1 joints" in out
+
+
+def test_a_robot_with_something_in_its_way_is_refused(files: list[str], tmp_path: Path) -> None:
+    """The speed at its touch was 0, and e a division by it."""
+    lid = FLOOR.replace('size="9 9 1"', 'size=".3 .3 .1"').replace(
+        "<collision>", '<collision><origin xyz="0 0 1.0"/>'
+    )
+    (tmp_path / "lid.urdf").write_text(lid)
+    with pytest.raises(UserError, match="free way down to a floor"):
+        hb.land([*files, str(tmp_path / "lid.urdf")], heights=[0.1], gravity=G, qpos="base=0,0,0.9")

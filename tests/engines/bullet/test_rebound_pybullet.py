@@ -4,7 +4,9 @@ phases that no search saw.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,10 +20,13 @@ from long_searches import long_search
 
 import hcbench as hb
 from hcbench.cli import run
+from hcbench.engines.pybullet.model.drop_test import WorldDropBench
 from hcbench.engines.pybullet.model.foot_springs import LinkSearch, _all_feet
+from hcbench.engines.pybullet.model.open import load_files
 from hcbench.engines.pybullet.model.under_test import unwritten
 from hcbench.measuring.request import make_request
-from hcbench.sim.landing import HEIGHTS, PHASES, DropTest
+from hcbench.sim.landing import DROPS, HEIGHTS, PHASES, REBOUNDS, DropTest
+from hcbench.sim.rebound_search import _worse_of
 from hcbench.system.errors import UserError
 from hcbench.workers import process
 
@@ -150,6 +155,35 @@ def test_a_rebound_out_of_reach_is_refused_with_the_largest_one(files: tuple[str
     assert found.landing.reach is not None
     assert 2e-3 < found.landing.reach.rebound < 0.05
     assert "largest rebound without a worse landing" in found.no_gain
+
+
+@long_search
+def test_no_random_spring_beats_the_largest_rebound_that_is_named(files: tuple[str, str]) -> None:
+    """Random springs up to ten times 1/h: of those that land no worse none throws a tenth higher."""
+    found = tuned(files, rebound=0.05)
+    before, _ = landings(found)
+    assert found.landing is not None
+    assert found.landing.reach is not None
+    requests = [make_request(None, gravity=G)]
+    search = LinkSearch(WorldDropBench(load_files(list(files)), requests), before, 0.05)
+    random = np.random.default_rng(42)
+    for _ in range(40):
+        frequency, damping = np.exp(random.uniform(np.log([20.0, 0.03]), np.log([10.0 / H, 8.0])))
+        spring = search.spring(float(frequency), float(damping))
+        if search.drop(spring, 0.5, REBOUNDS).rebound > 1.1 * found.landing.reach.rebound:
+            assert list(search.drop(spring, before.seconds, DROPS).worse_than(before, 0.05))
+
+
+def test_a_first_drop_may_be_as_bad_as_that_of_the_model(files: tuple[str, str]) -> None:
+    """It is shorter than the whole test, in which the robot has crept to its rest."""
+    before, after = landings(tuned(files, rebound=TARGET))
+    short = replace(before, creep=1.0, rest=math.nan)
+    allowed = _worse_of(before, short)
+    assert (allowed.creep, allowed.rest) == (short.creep, before.rest)
+    assert allowed.robot is before.robot
+    crept = replace(after, creep=short.creep)
+    assert any("creep" in phrase for phrase in crept.worse_than(before, TARGET))
+    assert not list(crept.worse_than(allowed, TARGET))
 
 
 @long_search

@@ -369,9 +369,7 @@ def _few_steps(c: BulletContext) -> Iterator[Suspect]:
             *_fix_restitutions(c.sides, (1.0, 1.0)),
         )
     elif c.is_spring:
-        step = diagnose.StepFix(
-            c.timestep, "p.setTimeStep({})", lambda p, timestep: p.setTimeStep(timestep)
-        )
+        step = diagnose.StepFix(c.timestep, "p.setTimeStep({})", _set_step)
         yield from diagnose.energy_gain(c.impacts, step)
         yield from diagnose.few_steps(c.impacts, step, "a lower contactStiffness")
 
@@ -384,8 +382,25 @@ def _gravity(c: BulletContext) -> Iterator[Suspect]:
         c.gravity,
         c.timestep,
         lambda longest: fix.format(longest / 5),
-        lambda bullet: bullet.setGravity(0.0, 0.0, 0.0),
+        _take_gravity_away,
     )
+
+
+# Fixes are functions with a name, as a forked copy of the process sends them.
+
+
+def _set_step(bullet: BulletClient, timestep: float) -> None:
+    """Set the time step, s."""
+    bullet.setTimeStep(timestep)
+
+
+def _take_gravity_away(bullet: BulletClient) -> None:
+    bullet.setGravity(0.0, 0.0, 0.0)
+
+
+def _release_motor(bullet: BulletClient, body: int, joint: int) -> None:
+    """Take its velocity motor off a joint."""
+    bullet.setJointMotorControl2(body, joint, bullet.module.VELOCITY_CONTROL, force=0)
 
 
 def _joint_motor(c: BulletContext) -> Iterator[Suspect]:
@@ -397,9 +412,7 @@ def _joint_motor(c: BulletContext) -> Iterator[Suspect]:
             "PyBullet loads every joint with a velocity motor on, which brakes it.",
             mover.description,
             f"p.setJointMotorControl2({mover.body}, {mover.joint}, p.VELOCITY_CONTROL, force=0)",
-            lambda bullet: bullet.setJointMotorControl2(
-                mover.body, mover.joint, bullet.module.VELOCITY_CONTROL, force=0
-            ),
+            partial(_release_motor, body=mover.body, joint=mover.joint),
         )
 
 

@@ -133,7 +133,8 @@ class _DropBench(WorldOverFloor):
         """Simulate a drop until WINDOW_S (s) after the first touch, and read it.
 
         height, m, tilt, rad: of the drop, for the result. drive: called before each step. Raises
-        EngineFailed for a velocity that is not finite, UserError where nothing is met.
+        EngineFailed for a velocity that is not finite, UserError where nothing is met, and where
+        something is met before it falls.
         """
         latest = latest_touch(height, self.g)
         forces: list[float] = []
@@ -156,6 +157,7 @@ class _DropBench(WorldOverFloor):
                     break
                 continue
             if not forces:
+                self._require_fall(speed)
                 first = then
             forces.append(force)
             rising.append(speed)
@@ -172,6 +174,17 @@ class _DropBench(WorldOverFloor):
         )
         weight = self.mass * self.g
         return Landing(height, tilt, -rising[0], speed_out, weight, fallen, time, pushed)
+
+    def _require_fall(self, speed: float) -> None:
+        """Raise UserError for a robot that does not fall at the first touch, as something fixed stands
+        in its way where the drop begins. speed: of its centre of mass then, upwards, m/s.
+        """
+        if speed < 0.0:
+            return
+        fixed = ", ".join(map(self._world.name_of, self.floors))
+        got = f"{self.name!r} touches what is fixed ({fixed}) where its drop begins"
+        advice = "Put it elsewhere by --qpos base=X,Y,Z, or leave out what it need not meet"
+        raise UserError("model", got, "a free way down to a floor", advice)
 
     def _tread(self, before: LinkMotion, time: float, feet: dict[int, FootfallLog]) -> float:
         """Read the contacts with the floors in the step just taken: add it to the logs of the feet,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -558,12 +559,8 @@ class _FixedInForks(PybulletModel):
         return self._with_fixes(super().facts)
 
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
-        """Return settings that may keep this pair from bouncing as `wanted`, with the fixes made.
-
-        Fixes are functions, which no copy of the process can send: the world is made again.
-        """
-        with self._made_again(self._fixes) as again:
-            return again.suspects(impacts, wanted)
+        """Return settings that may keep this pair from bouncing as `wanted`, with the fixes made."""
+        return self._with_fixes(partial(super().suspects, impacts, wanted))
 
     def fixed(self, suspects: Sequence[Suspect]) -> PybulletModel:
         """The same world with more fixes made."""
