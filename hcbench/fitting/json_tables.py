@@ -44,7 +44,7 @@ class _Table(NamedTuple):
 
 
 def tables_of_json(name: str, content: Any) -> list[tuple[str, list[Cells]]]:
-    """The tables in JSON: what errors call each, and its rows of text, below what is said beside it.
+    """The tables in JSON: what errors call each, and its rows of text, below the texts beside it.
 
     name: of the file. content: as `json.loads` gives it.
     Raises UserError where there is no table, and for tables of one header under names of balls.

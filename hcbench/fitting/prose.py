@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
     from hcbench.fitting.separators import Row
 
-# A number that is no ordinal, part of a name or of a clock's time, with the word behind it.
+# A number with the word behind it; not an ordinal, nor part of a name or of a time of the clock.
 _READING = re.compile(
     r"(?<![\w.,:/-])(?P<number>\d+(?:[.,]\d+)?)(?![\d:/]|[.,]\d|(?:st|nd|rd|th)\b)"
     r"(?:\s*(?P<unit>[^\W\d_]+|[\"″]))?"
 )
-# Letters of a text that may be prose, at most: pages are no lists of readings.
+# Letters of a text that may be prose, at most.
 _LONGEST = 4000
 # Readings of a drop, at least; and of those, in one line.
 _LEAST = 3
@@ -99,7 +99,7 @@ def _readings(text: str, quantity: str) -> Iterator[_Reading]:
     """Numbers in a text with a unit of a quantity, or with none."""
     for match in _READING.finditer(text):
         unit = plain_unit(match["unit"] or "")
-        # "and 43", "0.5 then": a word that is no unit of anything.
+        # The word of "0.5 then" is not a unit.
         is_one = bool(unit) and any(is_unit_of(unit, of) for of in ("position", "time", "speed"))
         if is_one and not is_unit_of(unit, quantity):
             continue

@@ -39,6 +39,14 @@ def test_heights_in_sentences_are_read_with_that_of_the_drop(tmp_path: Path, tex
     np.testing.assert_allclose(found.heights, HEIGHTS)
 
 
+def test_heights_of_a_sentence_without_a_drop_are_those_of_bounces(tmp_path: Path) -> None:
+    path = tmp_path / "note.txt"
+    path.write_text("It rose to 62.2 cm, then to 42.2 cm, 30.6 cm, 23.5 cm and 18.4 cm.\n")
+    found = read_dataset(path, EXACT)
+    assert isinstance(found, Heights)
+    np.testing.assert_allclose(found.heights, [0.622, 0.422, 0.306, 0.235, 0.184])
+
+
 def test_a_second_drop_in_sentences_is_another_drop(tmp_path: Path) -> None:
     path = tmp_path / "note.txt"
     path.write_text(

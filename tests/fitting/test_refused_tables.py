@@ -66,6 +66,7 @@ def test_the_lines_that_a_refusal_shows_are_read(tmp_path: Path, roles: frozense
     assert of_kind in KINDS
     # One row refuses any kind; what is refused then is no longer the header.
     header = ",".join(f"{role} [kg]" for role in sorted(roles)).replace("height_in", "drop")
+    header = header.replace("squared [kg]", "energy_ratio [kg]")
     path.write_text(f"{header}\n{','.join('1' for _ in roles)}\n".replace("height_out", "h_out"))
     read = hb.fit_force if "force" in roles else hb.fit
     with pytest.raises(UserError) as refused:
