@@ -9,6 +9,7 @@ import io
 import itertools
 import math
 import re
+import zipfile
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -26,6 +27,8 @@ from hcbench.fitting.column_names import (
 from hcbench.fitting.sheets import decoded
 from hcbench.fitting.table import unit_scale
 from hcbench.fitting.track import seen_fall
+from hcbench.system.errors import UserError
+from hcbench.system.files import require_small_archive
 from hcbench.system.text import sanitized
 
 if TYPE_CHECKING:
@@ -126,7 +129,8 @@ class _Column:
 
 
 def signal_in(path: Path) -> Signal | None:
-    """The signal in a file of text; None for any other file, also for one that cannot be read.
+    """The signal in a file of text, or in a zip archive of one; None for any other file, also for one
+    that cannot be read.
 
     Of several columns that with the clearest pulses is taken.
     """
@@ -144,8 +148,8 @@ def signal_in(path: Path) -> Signal | None:
 def _signal_in(path: Path, changed: int, size: int) -> Signal | None:
     """As `signal_in`, once for a file that was last changed then and has that size."""
     try:
-        text = decoded(path.read_bytes())
-    except (OSError, UnicodeDecodeError):
+        text = decoded(_unpacked(path.read_bytes()))
+    except (OSError, UnicodeDecodeError, UserError, zipfile.BadZipFile):
         return None
     lines = [line for line in text.splitlines() if line.strip()]
     if len(lines) < _LEAST_ROWS:
@@ -162,6 +166,21 @@ def _signal_in(path: Path, changed: int, size: int) -> Signal | None:
         return None
     head = "\n".join(_lines_about(lines, separator, places, first))
     return _of_columns(sanitized(path.name), columns, head.casefold())
+
+
+def _unpacked(content: bytes) -> bytes:
+    """The content of a file; of an archive with one table besides meta/, as phyphox exports it, that of
+    the table.
+
+    Raises UserError for a large archive, and BadZipFile or OSError for a damaged one.
+    """
+    if not content.startswith(b"PK\3\4"):
+        return content
+    require_small_archive(content)
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        names = [one for one in archive.namelist() if one.endswith((".csv", ".txt"))]
+        tables = [one for one in names if not one.startswith(("meta/", "__MACOSX"))]
+        return archive.read(tables[0]) if len(tables) == 1 else b""
 
 
 def _cells(line: str, separator: str | None) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -162,6 +163,15 @@ def test_a_phone_on_the_table_feels_the_ball(tmp_path: Path, rate: float) -> Non
     rows = zip(noisy(0 * z, 0.02, 2), noisy(0 * z, 0.02, 3), z, strict=True)
     table = "".join(f"{i / rate:.6E},{a:.6E},{b:.6E},{c:.6E}\n" for i, (a, b, c) in enumerate(rows))
     found = hb.fit(write(tmp_path, f'"Time (s)",{names}\n{table}'))
+    assert found.alpha is not None and found.alpha.low <= ALPHA <= found.alpha.high
+
+
+def test_phyphox_packs_its_tables(tmp_path: Path) -> None:
+    y = noisy(rings(impacts(1, 8, 1e-4), 1000), 0.01)
+    with zipfile.ZipFile(tmp_path / "Acceleration.zip", "w") as archive:
+        archive.writestr("Raw Data.csv", '"Time (s)","Acceleration z (m/s^2)"\n' + lines(y, 1000))
+        archive.writestr("meta/device.csv", "property,value\nversion,1\n")
+    found = hb.fit(tmp_path / "Acceleration.zip")
     assert found.alpha is not None and found.alpha.low <= ALPHA <= found.alpha.high
 
 
