@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hcbench.fitting.cells import counts
-from hcbench.fitting.column_names import QUANTITY_OF, is_beside, is_unit_of, meanings_of, role_of
+from hcbench.fitting.column_names import (
+    PIXELS,
+    QUANTITY_OF,
+    is_beside,
+    is_unit_of,
+    meanings_of,
+    role_of,
+)
 from hcbench.fitting.track import seen_fall
 from hcbench.system.errors import UserError
 from hcbench.terms import units
@@ -41,6 +48,9 @@ _HELD = {"force", "height"}
 _AXES = ({"x"}, {"y"}, {"z"})
 # Share by which the acceleration of a phone at rest differs from g, at most.
 _NEAR_REST = 0.05
+# Columns that tell when the rows of a track are, and rows in which a fall is seen, at least.
+_CLOCKS = ("time", "frame", "sample")
+_LEAST_OF_FALL = 12
 # Share of g by which free fall may miss it where metres and seconds are assumed.
 _NEAR_G = 0.2
 
@@ -164,6 +174,33 @@ def completed(table: Table, asked: str | None) -> tuple[Table, str]:
     return _with_names(table, taken, why)
 
 
+def scaled_by_fall(table: Table, gravity: float) -> tuple[Table, str]:
+    """A track in pixels with the scale at which its flights fall with g, m/s², and a sentence of it; the
+    table as it is, and "", where it has a scale, or no flights are seen.
+
+    The speeds are as right as the times: of a film in slow motion they are wrong without a word.
+    """
+    places = {role_of(name): i for i, (name, unit) in enumerate(table.header) if unit in PIXELS}
+    clock = next((i for i, one in enumerate(table.header) if role_of(*one) in _CLOCKS), None)
+    if table.pixel is not None or "height" not in places or clock is None:
+        return table, ""
+    if table.unit_of(clock, "time"):
+        times = table.in_unit(clock, "time")
+    elif table.frequency is not None:
+        times = table.numbers(clock) / table.frequency
+    else:
+        return table, ""
+    heights = table.numbers(places["height"])
+    given = np.isfinite(times) & np.isfinite(heights)
+    if given.sum() < _LEAST_OF_FALL or (np.diff(times[given]) <= 0.0).any():
+        return table, ""
+    fall = abs(seen_fall(times[given], heights[given]))
+    if not fall:
+        return table, ""
+    said = f"no scale is given: 1 px is {1e3 * gravity / fall:.4g} mm if its flights fall with g"
+    return replace(table, pixel=gravity / fall), said
+
+
 def _require_places(table: Table) -> None:
     """Raise UserError for x, y and z without units that are accelerations: at rest they are g together."""
     axes = [
@@ -254,6 +291,6 @@ def falls_with_g(times: Floats, heights: Floats) -> bool:
     """Say whether a track falls with g in metres and seconds, upwards or downwards."""
     given = np.isfinite(times) & np.isfinite(heights)
     times, heights = times[given], heights[given]
-    if len(times) < 12 or (np.diff(times) <= 0).any():
+    if len(times) < _LEAST_OF_FALL or (np.diff(times) <= 0).any():
         return False
     return abs(abs(seen_fall(times, heights)) / STANDARD_GRAVITY - 1.0) < _NEAR_G

@@ -6,7 +6,7 @@ A train's score is the log-likelihood ratio of its clicks being touches of one b
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,6 +27,10 @@ _MOST_E = 1.01
 _AS_LOUD = 3.0
 # 1/s: clutter that the recording does not happen to show.
 _UNSEEN = 0.3
+# Share of the clicks of a signal that count as clutter as long as no train is known.
+_OF_QUIET = 0.2
+# Least score of a train in a signal.
+_LEAST_OF_QUIET = -12.0
 # Price of a click that a louder one precedes: the louder one is the touch, this one its echo.
 _ECHO = 1.5
 # Longest time from a touch to its echo, s.
@@ -66,6 +70,8 @@ _MOST_INSIDE = 4
 _LEAST_GAIN = 2.0
 # The same for a weak click: many of its kind are too weak to be seen.
 _LEAST_OF_WEAK = 5.0
+# The same in a signal, whose weakest pulses stand out from the noise.
+_GAIN_IN_QUIET = 3.0
 # Two trains with this share of their clicks in common are one train.
 _SHARED = 0.7
 # Two echoes are one reflection if their delays differ by less, s.
@@ -98,11 +104,65 @@ def likeliest_trains(
     duration: of the recording, s.
     shortest: s, of a flight.
     most: trains to return, at most.
-    Dynamic programming over flights, each from a click i to a later click j.
+    """
+    clutter = clutter_rate(level, level, duration)
+    limits = _Limits(clutter, _TIMING, 0.0, _LEAST_GAIN, _LEAST_OF_WEAK)
+    return _searched(times, level, shortest, most, limits)
+
+
+def trains_in_quiet(
+    times: Floats, level: Floats, duration: float, shortest: float, most: int, timing: float
+) -> list[Train]:
+    """Trains as `likeliest_trains` finds them, where most clicks are the ball's, as in a signal.
+
+    timing: error of a click's time, s; the rest as there.
+    Clutter is what the best train leaves, and not the train itself: the search runs twice. Trains that
+    are less likely than clutter are among them, as other signs may speak for these.
+    """
+    clutter = _OF_QUIET * clutter_rate(level, level, duration)
+    limits = _Limits(clutter, timing, _LEAST_OF_QUIET, _GAIN_IN_QUIET, _GAIN_IN_QUIET)
+    found = _searched(times, level, shortest, 1, limits)
+    if not found:
+        return []
+    clutter = clutter_rate(level, np.delete(level, found[0].clicks), duration)
+    return _searched(times, level, shortest, most, replace(limits, clutter=clutter))
+
+
+def clutter_rate(level: Floats, others: Floats, duration: float) -> Floats:
+    """Clicks a second, (n,), that are as loud as each of these, dB, and may be taken for it.
+
+    others: (m,), levels of those that count, dB. duration: of the recording, s.
+    """
+    as_loud = (level[:, None] - _AS_LOUD <= others).sum(axis=1)
+    return np.asarray(as_loud / duration + _UNSEEN)
+
+
+@dataclass(frozen=True, slots=True)
+class _Limits:
+    """What a search takes for clutter, and for a train.
+
+    clutter: (n,), rate of clicks that may be taken for each, 1/s. timing: error of a click's time, s.
+    score: above which a train counts. gain, gain_of_weak: least score that the last click adds.
+    """
+
+    clutter: Floats
+    timing: float
+    score: float
+    gain: float
+    gain_of_weak: float
+
+
+def _searched(
+    times: Floats, level: Floats, shortest: float, most: int, limits: _Limits
+) -> list[Train]:
+    """Trains of three clicks or more that share few of them, the likeliest first: dynamic programming
+    over flights, each from a click i to a later click j.
+
+    times, level: (n,), s and dB. shortest: s, of a flight. most: trains, at most.
     """
     if len(times) < 3:
         return []
-    search = _Search(times, level, duration, shortest)
+    search = _Search(times, level, shortest, limits)
     for i in range(len(times)):
         search.extend(i)
     order = np.argsort(search.score, axis=None)[::-1][:_ENDS]
@@ -110,7 +170,7 @@ def likeliest_trains(
     seen = set()
     for flat in order:
         i, j = divmod(int(flat), len(times))
-        if not search.score[i, j] > 0.0 or len(trains) == most:
+        if not search.score[i, j] > limits.score or len(trains) == most:
             break
         if (end := search.last_that_counts(i, j)) in seen:
             continue
@@ -138,24 +198,18 @@ class _Search:
     gap: whether a touch within the flight is unheard; unheard: how many are in the train.
     """
 
-    def __init__(self, times: Floats, level: Floats, duration: float, shortest: float) -> None:
-        """Rate each click by itself, without any train yet.
-
-        times: rising, s, shape (n,).
-        level: dB, shape (n,).
-        duration: of the recording, s.
-        shortest: shortest flight, s.
-        """
+    def __init__(self, times: Floats, level: Floats, shortest: float, limits: _Limits) -> None:
+        """Rate each click by itself, without any train yet; arguments as of `_searched`."""
         n = len(times)
         self.times = times
         self.level = level
         self.shortest = shortest
-        rate = (level[:, None] - _AS_LOUD <= level).sum(axis=1) / duration + _UNSEEN
+        self.limits = limits
         apart = times[:, None] - times
         louder = level > level[:, None] + _ECHO_OVER
         is_echo = ((apart > 0) & (apart < _ECHO_WITHIN) & louder).any(axis=1)
         # The rarer clicks as loud as this one are, the less likely it is clutter.
-        self.worth = -np.log(rate) - _ECHO * is_echo
+        self.worth = -np.log(limits.clutter) - _ECHO * is_echo
         self.score = np.full((n, n), -math.inf)
         self.last = np.zeros((n, n))
         self.e = np.full((n, n), math.nan)
@@ -231,8 +285,7 @@ class _Search:
         self.gap[i, j] = gap
         self.unheard[i, j] = self.unheard[h, i] + gap
 
-    @staticmethod
-    def _ln_step(e: Floats, e_before: Floats, flight_before: Floats) -> Floats:
+    def _ln_step(self, e: Floats, e_before: Floats, flight_before: Floats) -> Floats:
         """ln of the density, 1/s, of a flight's length: e goes on smoothly; the first e may be any.
 
         e, e_before: that this flight means, and that of the impact before, NaN for none;
@@ -242,7 +295,9 @@ class _Search:
         is_first = np.isnan(e_before)
         e_before = np.where(is_first, 0.5, e_before)
         rise = (1.0 - e_before) ** 2
-        sd = np.hypot(1.5 * np.hypot(_SCATTER, 2.5 * _TIMING / flight_before), _RISE_SD * rise)
+        sd = np.hypot(
+            1.5 * np.hypot(_SCATTER, 2.5 * self.limits.timing / flight_before), _RISE_SD * rise
+        )
         away = e - e_before - _RISE * rise
         smooth = np.logaddexp(
             math.log(1.0 - _WILD) + _ln_normal(away, sd),
@@ -272,9 +327,9 @@ class _Search:
         # A click this weak is one of many: as many again are too weak to be seen.
         weak = self.level.min() + _AS_LOUD
         while (h := int(self.before[i, j])) >= 0:
-            least = _LEAST_GAIN
+            least = self.limits.gain
             if self.level[j] < weak:
-                least = _LEAST_OF_WEAK
+                least = self.limits.gain_of_weak
             if self.score[i, j] - self.score[h, i] > least:
                 break
             i, j = h, i

@@ -70,7 +70,7 @@ def error_budget(fit: LawFit, sets: Sequence[Dataset]) -> Budget:
     if any(s.needs_gravity for s in sets):
         inputs = list(setup.perturbed())
     setups = [shifted for _, _, shifted in inputs]
-    has_touches = any(s.kind in ("times", "sound") for s in sets)
+    has_touches = any(s.kind in ("times", "sound", "signal") for s in sets)
     is_left_out = setup.contact_time.value == 0.0 and has_touches
     if is_left_out:
         setups.append(replace(setup, contact_time=Known(_CONTACT)))

@@ -202,13 +202,17 @@ class TouchTimes(Dataset):
     @property
     def noise_scale(self) -> float:
         """Likely size of the noise of measuring, s: that of a table is its rounding at least."""
-        return 2e-4 if self.picks is not None else max(2e-4, rounding_of(self.times))
+        if self.picks is not None:
+            return max(2e-4, self.picks.resolution)
+        return max(2e-4, rounding_of(self.times))
 
     @property
     def kind(self) -> str:
         """Name of the kind of data that the times came from."""
         if self.picks is None:
             return "times"
+        if self.recording is not None and self.recording.what:
+            return "signal"
         return "sound"
 
     @property

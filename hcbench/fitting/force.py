@@ -31,10 +31,11 @@ _EDGE = 0.05
 _APART = 3.0
 # A smaller difference between those two never counts as a contradiction.
 _NO_CONTRADICTION = 0.01
-# Points of a pulse that a fit needs.
 # Samples of quiet, at least.
 _LEAST_QUIET = 5
+# Points of a pulse that a fit of its shape needs, and that its impulse needs.
 _LEAST_POINTS = 20
+_LEAST_OF_IMPULSE = 4
 # Standard deviations of α below 0 from which the data surely gain energy.
 _SIGMAS_BELOW = 3.0
 # Smooth difference from the law, rms over the largest force, from which on it is another law's.
@@ -61,6 +62,9 @@ class ForceFit(Shown):
     misfit: rms of the difference of the force from the law's, over the largest force.
     systematic: the part of it that is smooth, and no noise.
     e_by_shape: e of a pulse by its shape; NaN for loops.
+
+    A push of few samples has e by its impulse, and the α that goes with it under the law: stiffness,
+    exponent, misfit and e_by_shape are NaN.
     """
 
     file: str
@@ -77,6 +81,11 @@ class ForceFit(Shown):
     e_by_shape: float = math.nan
 
     @property
+    def has_shape(self) -> bool:
+        """False for a push of so few samples that its impulse alone was used."""
+        return not math.isnan(self.exponent)
+
+    @property
     def contradicts(self) -> bool:
         """True if the shape of the pulse implies another e than its impulse does."""
         apart = abs(self.e_by_shape - self.e)
@@ -90,6 +99,8 @@ class ForceFit(Shown):
     @property
     def is_law(self) -> bool:
         """True if the force follows eq. (16)."""
+        if not self.has_shape:
+            return False
         # A loop of n = 1 may come out a little below it.
         least = 1.0 - SIGMAS_95 * math.sqrt(self.covariance[1, 1])
         is_law = least <= self.exponent <= 10.0 and self.alpha_interval[1] > 0.0
@@ -122,7 +133,7 @@ class ForceFit(Shown):
 
 def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -> ForceFit:
     """Fit one impact, force over time. The impulse gives e without k and n; the shape then gives
-    those.
+    those, where the push has 20 samples or more.
 
     name: of the file, for messages.
     setup: with the mass, and the speed or the drop height; n too, where it is known.
@@ -141,6 +152,8 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
         raise UserError(
             name, got, "1 ... 2 times", "Look at mass, speed, units and the sign of the force"
         )
+    if inside.sum() < _LEAST_POINTS:
+        return _by_impulse(name, speed, e, u_e)
     lasts = float(np.ptp(time[inside]))
     top = float(force.max())
     # Varied are ln k, ln e, the time of the first touch, and n where it is not given.
@@ -206,6 +219,30 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
     )
 
 
+def _by_impulse(name: str, speed: float, e: float, u_e: float) -> ForceFit:
+    """The result for a push of too few samples for its shape: e at one speed, m/s, with its standard
+    uncertainty, and α where the law holds.
+    """
+    by_e = 1.0 / (1.5 * speed)
+    alpha = dissipation_of(math.log(e)) * by_e
+    slope = (dissipation_of(math.log(e) + 1e-5) * by_e - alpha) / 1e-5
+    covariance = np.full((3, 3), math.nan)
+    covariance[2, 2] = (slope * u_e / e) ** 2
+    return ForceFit(
+        file=name,
+        kind="force",
+        stiffness=math.nan,
+        exponent=math.nan,
+        alpha=alpha,
+        covariance=covariance,
+        e=e,
+        e_uncertainty=u_e,
+        speeds=(speed, speed),
+        misfit=math.nan,
+        systematic=math.nan,
+    )
+
+
 def _approach(name: str, setup: MeasurementSetup) -> tuple[float, float, float, float]:
     """Mass in kg and speed in m/s, each with its standard uncertainty.
     Raises UserError without either.
@@ -259,7 +296,7 @@ def _pulse(name: str, time: Floats, force: Floats) -> tuple[Floats, Floats]:
     """Select the samples of the push: a mask, and the force, N, upwards and with its zero removed.
 
     time, force: s and N, shape (n,).
-    Raises UserError without a push, with several, with fewer than 20 samples in it, or with too
+    Raises UserError without a push, with several, with fewer than 4 samples in it, or with too
     little quiet around it to set the zero.
     """
     force = force - _first_zero(force)
@@ -283,8 +320,10 @@ def _pulse(name: str, time: Floats, force: Floats) -> tuple[Floats, Floats]:
         limit = max(limit, float(np.median(calm)) + 3.0 * _spread(calm))
     force = force - float(np.median(quiet))
     inside = (np.arange(len(force)) >= first) & (np.arange(len(force)) <= last)
-    if inside.sum() < _LEAST_POINTS:
-        raise UserError(name, f"{inside.sum()} samples in the push", f"{_LEAST_POINTS} or more")
+    if inside.sum() < _LEAST_OF_IMPULSE:
+        got = f"{inside.sum()} samples in the push"
+        expected = f"{_LEAST_OF_IMPULSE} or more for e, {_LEAST_POINTS} or more for k, n and α"
+        raise UserError(name, got, expected, "Sample faster")
     if calm.min() < -_ANOTHER * top:
         raise UserError(name, "a zero that is not quiet", "zero force before and after the push")
     if calm.max() > _ANOTHER * top:
@@ -488,8 +527,8 @@ def _covariance(done: object, order: list[int | None]) -> Floats:
 def as_record(force_fit: ForceFit) -> dict[str, object]:
     """The fit of forces as `--json` prints it, in SI units.
 
-    None for a law that the pulse contradicts, and for an e that the shape does not give; NaN for
-    the e of a loop.
+    None for a law that the pulse contradicts, and for what the shape does not give; NaN for the e of
+    a loop.
     """
     low, high = force_fit.alpha_interval
     law = None
@@ -498,6 +537,16 @@ def as_record(force_fit: ForceFit) -> dict[str, object]:
     by_shape = None
     if not math.isnan(force_fit.e_by_shape):
         by_shape = force_fit.e_by_shape
+    shape: dict[str, object] = dict.fromkeys(
+        ("stiffness_n_per_m_n", "exponent", "covariance_ln_k_n_alpha", "misfit")
+    )
+    if force_fit.has_shape:
+        shape = {
+            "stiffness_n_per_m_n": force_fit.stiffness,
+            "exponent": force_fit.exponent,
+            "covariance_ln_k_n_alpha": force_fit.covariance.tolist(),
+            "misfit": force_fit.misfit,
+        }
     return {
         "schema": 1,
         "kind": "hcbench fit",
@@ -516,10 +565,7 @@ def as_record(force_fit: ForceFit) -> dict[str, object]:
         "shape_contradicts_impulse": force_fit.contradicts,
         "laws": [],
         "flagged": [],
-        "stiffness_n_per_m_n": force_fit.stiffness,
-        "exponent": force_fit.exponent,
-        "covariance_ln_k_n_alpha": force_fit.covariance.tolist(),
-        "misfit": force_fit.misfit,
+        **shape,
         "speed_range_m_per_s": list(force_fit.speeds),
     }
 
@@ -531,8 +577,17 @@ def lines_of(force_fit: ForceFit, describe: Callable[[float, float], str]) -> li
     digits.
     Stiffness k is in N/m^n, α in s/m; misfit is the rms difference over the largest force.
     """
-    sd = np.sqrt(np.diag(force_fit.covariance))
     low, high = force_fit.alpha_interval
+    if not force_fit.has_shape:
+        return [
+            f"data      {force_fit.file}: {force_fit.kind}, a push of fewer than {_LEAST_POINTS} samples",
+            f"e         {describe(force_fit.e, force_fit.e_uncertainty)} by the impulse, "
+            f"at {force_fit.speeds[1]:.3g} m/s",
+            f"α         {describe(force_fit.alpha, force_fit.alpha_uncertainty)} s/m, 95 %: {low:.4g} ... "
+            f"{high:.4g} s/m, if it is hunt-crossley: one e does not show it",
+            f"k, n      need {_LEAST_POINTS} samples or more in the push: sample faster",
+        ]
+    sd = np.sqrt(np.diag(force_fit.covariance))
     k = force_fit.stiffness
     n = force_fit.exponent
     lines = [

@@ -12,25 +12,32 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.bounce_search import likeliest_trains
+from hcbench.fitting.bounce_search import likeliest_trains, trains_in_quiet
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.estimate import alpha_of, fit_law
 from hcbench.fitting.misfits import flagged_touches, gains_by_moving
-from hcbench.fitting.recording import Picks, Timer, bands
+from hcbench.fitting.pulses import bands_of, pulses_of
+from hcbench.fitting.recording import Picks, bands
 from hcbench.fitting.which_law import LAWS, PLAIN, WITH_E0
 from hcbench.system.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from hcbench.fitting.bounce_search import Train
     from hcbench.fitting.linear import LawFit
     from hcbench.fitting.recording import FrequencyBand, Indices, Recording
-    from hcbench.fitting.setup import MeasurementSetup
+    from hcbench.fitting.setup import Known, MeasurementSetup
     from hcbench.terms.impact import Floats
 
 # A train ends where its touches come faster than this, s.
 SHORTEST = 0.02
+# Longest contact of a ball that bounces, s: large soft ones take the longest.
+LONGEST_CONTACT = 0.05
+# Pulses that an error names.
+_SHOWN = 6
+# Error of a click's time in a signal, s, at least.
+_TIMING = 2e-4
 # Trains that are kept for a comparison.
 _MOST = 6
 # Clicks of two frequency bands within this time are one touch, s.
@@ -74,17 +81,29 @@ def listen(recording: Recording, setup: MeasurementSetup) -> list[Picks]:
     """
     trains = _trains(recording)
     if not trains:
-        raise UserError(
-            recording.name,
-            "no train of bounces is heard",
-            "clicks of one ball, each flight shorter than the one before",
-            "Record nearer to the plate and in quiet, or give the times in a file",
-        )
+        raise _no_train(recording)
     try:
         return _ranked([_Heard.of(band, train, setup, recording) for band, train in trains])
     except (ArithmeticError, ValueError):
         got = "clicks that no law of bounces describes"
         raise UserError(recording.name, got, "flights that shrink, as of a ball") from None
+
+
+def _no_train(recording: Recording) -> UserError:
+    """The error for a recording without a train of bounces: of a signal, with its pulses."""
+    expected = "touches of one ball, each flight shorter than the one before"
+    if not recording.what:
+        advice = "Record nearer to the plate and in quiet, or give the times in a file"
+        return UserError(recording.name, "no train of bounces is heard", expected, advice)
+    found = max(pulses_of(recording), key=lambda band: len(band.times), default=None)
+    if found is None:
+        got = f"no pulses in {recording.what!r}"
+        return UserError(recording.name, got, expected, "Look at the signal, or name another file")
+    times = recording.begin + found.times
+    shown = ", ".join(f"{time:.3f}" for time in times[:_SHOWN])
+    more = ", ..." if len(times) > _SHOWN else ""
+    got = f"pulses in {recording.what!r} at {shown}{more} s, and no train of bounces among them"
+    return UserError(recording.name, got, expected, "Record one ball that bounces alone")
 
 
 def _ranked(heard: list[_Heard]) -> list[Picks]:
@@ -129,9 +148,13 @@ def _trains(recording: Recording) -> list[tuple[FrequencyBand, Train]]:
     the first.
     """
     trains = []
-    for band in bands(recording):
+    for band in bands_of(recording):
         times = band.places / band.rate
-        found = likeliest_trains(times, band.level, band.duration, SHORTEST, _MOST)
+        if recording.what:
+            timing = max(band.resolution, _TIMING)
+            found = trains_in_quiet(times, band.level, band.duration, SHORTEST, _MOST, timing)
+        else:
+            found = likeliest_trains(times, band.level, band.duration, SHORTEST, _MOST)
         trains += [(band, train) for train in found]
     kept: list[tuple[FrequencyBand, Train]] = []
     # Times of the clicks of each that is kept, s.
@@ -143,7 +166,10 @@ def _trains(recording: Recording) -> list[tuple[FrequencyBand, Train]]:
         if not any(_is_same(times, likelier) for likelier in kept_times):
             kept.append((band, train))
             kept_times.append(times)
-    return [one for one in kept if one[1].score >= _HALF * kept[0][1].score]
+    if not kept:
+        return []
+    top = kept[0][1].score
+    return [one for one in kept if one[1].score >= min(_HALF * top, top)]
 
 
 def _is_same(times: Floats, better: Floats) -> bool:
@@ -161,7 +187,7 @@ class _Heard:
 
     band: FrequencyBand
     train: Train
-    timer: Timer
+    timer: Callable[[Indices], Floats]
     setup: MeasurementSetup
     name: str
     places: Indices
@@ -183,8 +209,8 @@ class _Heard:
         start = cls(
             band=band,
             train=train,
-            timer=Timer(band, places),
-            setup=setup,
+            timer=band.timer(places),
+            setup=with_contact(setup, band.contact_time),
             name=recording.name,
             places=places,
             numbers=train.numbers,
@@ -200,7 +226,7 @@ class _Heard:
         return replace(start, reference=float(np.exp(np.log(speeds).mean()))).fitted()
 
     def data(self) -> TouchTimes:
-        return TouchTimes(self.name, self.setup, self.timer.times(self.places), self.numbers)
+        return TouchTimes(self.name, self.setup, self.timer(self.places), self.numbers)
 
     def fitted(self) -> _Heard:
         """The train with the law with e0 fitted to it; without a fit where no law fits."""
@@ -309,7 +335,7 @@ class _Heard:
         if not swaps:
             return None
         prior = np.where(is_preferred, 1.0, -1.0)
-        moves = self.timer.times(np.array(swaps)) - data.times[touches]
+        moves = self.timer(np.array(swaps)) - data.times[touches]
         gains = gains_by_moving(self.fit, data, touches, moves) + prior
         for i in np.argsort(-gains)[:_TRIED]:
             if not gains[i] > 0.0:
@@ -363,8 +389,9 @@ class _Heard:
 
         Scatter and α are None for a train with too few touches.
         """
-        times = self.timer.times(self.places)
+        times = self.timer(self.places)
         level = self.band.level[np.searchsorted(self.band.places, self.places)]
+        left_out, beside = self.band.others(self.places)
         scatter = alpha = None
         if self.fit is not None:
             scatter = self.fit.scatter
@@ -377,4 +404,20 @@ class _Heard:
             score=self.train.score,
             scatter=scatter,
             alpha=alpha,
+            contact_time=self.band.contact_time,
+            resolution=self.band.resolution,
+            sizes=self.band.sizes(self.places),
+            left_out=left_out,
+            beside=beside,
         )
+
+
+def with_contact(setup: MeasurementSetup, seen: Known | None) -> MeasurementSetup:
+    """The setup with the duration of the first impact that pulses show, unless the user gives one.
+
+    A contact that is longer than a ball's is left out.
+    """
+    is_given = setup.contact_time.value > 0.0
+    if seen is None or is_given or seen.value > LONGEST_CONTACT:
+        return setup
+    return replace(setup, contact_time=seen)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.assumed import completed, is_train
+from hcbench.fitting.assumed import completed, is_train, scaled_by_fall
 from hcbench.fitting.column_names import (
     DATA_KINDS,
     EXPECTED_COLUMNS,
@@ -30,10 +30,12 @@ from hcbench.fitting.datasets import TouchTimes, rounding_of
 from hcbench.fitting.facts import require_usual_fall
 from hcbench.fitting.force import fit_loop, fit_pulse
 from hcbench.fitting.heights import Heights, SpeedPairs
-from hcbench.fitting.listening import listen, quick_score
+from hcbench.fitting.listening import listen, quick_score, with_contact
 from hcbench.fitting.numbers_in_text import rows_in_text
+from hcbench.fitting.pushes import is_single_push, recording_of, require_one_ball, weighed_ball
 from hcbench.fitting.recording import is_sound, read_recording
 from hcbench.fitting.sheets import read_sheets
+from hcbench.fitting.signals import evened, signal_in
 from hcbench.fitting.table import Table, cell_of, computed
 from hcbench.fitting.tables import tables_of
 from hcbench.fitting.track import track_of, upright
@@ -47,9 +49,10 @@ if TYPE_CHECKING:
 
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.force import ForceFit
-    from hcbench.fitting.recording import Indices, Picks
+    from hcbench.fitting.recording import Indices, Picks, Recording
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.fitting.sheets import Sheet
+    from hcbench.fitting.signals import Signal
     from hcbench.terms.impact import Floats
 
 
@@ -68,7 +71,7 @@ class Excerpt:
 
 
 WHOLE = Excerpt()
-KINDS = ("sound", *dict.fromkeys(DATA_KINDS.values()))
+KINDS = ("sound", "signal", *dict.fromkeys(DATA_KINDS.values()))
 _MOST_TOUCHES = 60
 # Each pair adds an unknown; so many take a dozen seconds.
 _MOST_PAIRS = 500
@@ -95,6 +98,9 @@ _MOST_UNSEEN = 3
 _NO_CHANCE = 1e-4
 # Bounces not seen that a sentence names.
 _MOST_SHOWN = 6
+_EXPECTED_SIGNAL = (
+    "100 or more rows of a time in even steps and a value, such as time [s],force [N]"
+)
 # Letters of the trains in a recording, the likeliest first.
 _TRAINS = "ABCDEF"
 
@@ -125,7 +131,13 @@ def read_datasets(
     Raises UserError with the file, the line, what it has and what was expected.
     """
     if kind == "sound" or (kind is None and is_sound(path)):
-        return [_sound(path, setup, part)]
+        recording = read_recording(path, quick_score, part.begin, part.end)
+        return [_touches_in(recording, setup, part)]
+    signal = signal_in(path) if kind in (None, "signal") else None
+    if signal is not None:
+        return [_touches_of_signal(signal, setup, part)]
+    if kind == "signal":
+        raise UserError(sanitized(path.name), "no signal over time", _EXPECTED_SIGNAL)
     if part != WHOLE:
         slot = "--from"
         if part.train is not None:
@@ -158,7 +170,9 @@ def _read(
             continue
         try:
             with explained(table.name, table.header), computed(table.name):
-                columns, of_kind = _understood(table, kind)
+                scaled, said = scaled_by_fall(table, setup.gravity.value)
+                columns, of_kind = _understood(scaled, kind)
+                columns = _assuming(columns, said)
                 if of_kind in ("force", "loop"):
                     got = "forces among other files"
                     raise UserError(table.name, got, "one file of forces alone")
@@ -351,6 +365,10 @@ def _force_columns(path: Path, kind: str | None) -> tuple[DataColumns, str] | No
     """
     if kind not in (None, "force", "loop") or is_sound(path):
         return None
+    signal = signal_in(path)
+    if kind is None and signal is not None and not is_single_push(signal):
+        # Touches of a ball, or no force at all.
+        return None
     for table, _ in _tables(read_sheets(path)):
         if table is None or not any(
             role_of(*name) == "force" or is_unit_of(name[1], "force") for name in table.header
@@ -411,6 +429,9 @@ def _fitted_force(columns: DataColumns, setup: MeasurementSetup, kind: str) -> F
             return fit_loop(columns.table.name, x, v, force, setup.exponent)
     time = columns.get("time")
     columns.require("time", np.concatenate([[True], np.diff(time) > 0]), "times that rise")
+    even = evened(time)
+    if even is not None:
+        time = even
     # Plates give the force on the plate or the one on the ball.
     zero = float(np.median(force))
     if zero - force.min() > 2.0 * (force.max() - zero):
@@ -419,13 +440,23 @@ def _fitted_force(columns: DataColumns, setup: MeasurementSetup, kind: str) -> F
         return fit_pulse(columns.table.name, setup, time, force)
 
 
-def _sound(path: Path, setup: MeasurementSetup, part: Excerpt) -> Dataset:
+def _touches_of_signal(signal: Signal, setup: MeasurementSetup, part: Excerpt) -> Dataset:
+    """The touches that are pulses or clicks of a signal, as `_touches_in`.
+
+    Raises UserError also where pushes on a plate are not those of one ball.
+    """
+    data = _touches_in(recording_of(signal, part.begin, part.end), setup, part)
+    require_one_ball(data)
+    weighed, said = weighed_ball(data, signal)
+    assumed = "; ".join(filter(None, (signal.assumed, said)))
+    return replace(weighed, assumed=assumed)
+
+
+def _touches_in(recording: Recording, setup: MeasurementSetup, part: Excerpt) -> TouchTimes:
     """The touches heard in a recording, of the likeliest train or of the one asked for.
 
-    Raises UserError for a file without sound, a train that is not heard, too few touches, and
-    flights that no ball has.
+    Raises UserError for a train that is not heard, too few touches, and flights that no ball has.
     """
-    recording = read_recording(path, quick_score, part.begin, part.end)
     heard = listen(recording, setup)
     train = part.train or 0
     if train >= len(heard):
@@ -440,6 +471,7 @@ def _sound(path: Path, setup: MeasurementSetup, part: Excerpt) -> Dataset:
     in_question: tuple[Picks, ...] = ()
     if part.train is None:
         in_question = tuple(heard)
+    setup = with_contact(setup, picks.contact_time)
     return TouchTimes(
         recording.name, setup, picks.times, picks.numbers, picks, recording, in_question
     )

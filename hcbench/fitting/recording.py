@@ -26,8 +26,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from hcbench.fitting.linear import Estimate
+    from hcbench.fitting.setup import Known
     from hcbench.terms.impact import Floats
 
+# Samples a second in which clicks can be heard.
+LEAST_RATE = 8000
 # A recording up to this length, s, is searched whole, without windows.
 _WHOLE = 24.0
 # Of a longer recording, the window of this length, s, with the best train is taken.
@@ -46,19 +49,21 @@ _PHONES = (".m4a", ".mp4", ".mov", ".aac", ".opus", ".ogg", ".oga", ".mp3", ".fl
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Sound of one channel, or a window of it.
+    """Sound of one channel, or a window of it, or another signal over time.
 
-    sound: (n,), one channel, -1 ... 1.
+    sound: (n,), one channel, -1 ... 1; of a signal, in its own unit.
     rate: Hz.
     step: between two values that a sample can have.
     begin: when in the file it begins, s.
+    what: name and unit of a signal; "" for sound.
     """
 
     name: str
     sound: Floats
-    rate: int
+    rate: float
     step: float = 0.0
     begin: float = 0.0
+    what: str = ""
 
 
 def is_sound(path: Path) -> bool:
@@ -98,8 +103,8 @@ def read_recording(
     if path.exists() and not path.is_file():
         raise UserError(name, why_no_file(path), "a recording")
     source = _Compressed(path) if _is_of_phone(path) else _Wav(path)
-    if source.rate < 8000:
-        raise UserError(name, f"{source.rate} samples a second", "8000 or more")
+    if source.rate < LEAST_RATE:
+        raise UserError(name, f"{source.rate} samples a second", f"{LEAST_RATE} or more")
     first = round(begin * source.rate)
     last = math.inf
     if end is not None:
@@ -374,7 +379,7 @@ class FrequencyBand:
 
     frequency: float
     sound: Floats
-    rate: int
+    rate: float
     places: Indices
     level: Floats
 
@@ -382,6 +387,30 @@ class FrequencyBand:
     def duration(self) -> float:
         """Duration of the sound, s."""
         return len(self.sound) / self.rate
+
+    @property
+    def contact_time(self) -> Known | None:
+        """Duration of the first impact, s, where the clicks show it: those of sound do not."""
+        return None
+
+    @property
+    def resolution(self) -> float:
+        """Error of a click's time, s, that cannot be smaller."""
+        return 0.0
+
+    def timer(self, places: Indices) -> Callable[[Indices], Floats]:
+        """A function from samples of clicks to their times, s, made for the train at `places`."""
+        return Timer(self, places).times
+
+    def sizes(self, places: Indices) -> Floats | None:
+        """Areas of the pulses at `places` over time, (k,); None where clicks have none."""
+        return None
+
+    def others(self, places: Indices) -> tuple[int, int]:
+        """Clicks that may be another ball's, between the touches at `places` and beside them: of sounds,
+        none are sure.
+        """
+        return 0, 0
 
 
 def bands(recording: Recording) -> Iterator[FrequencyBand]:
@@ -459,7 +488,7 @@ def _filtered(recording: Recording, lower: float, upper: float | None) -> Floats
     return np.asarray(sosfilt(sections, recording.sound))
 
 
-def _clicks(sound: Floats, rate: int, step: float) -> tuple[Indices, Floats]:
+def _clicks(sound: Floats, rate: float, step: float) -> tuple[Indices, Floats]:
     """Samples at which something begins that is louder than before, and its level, dB over the
     noise.
 
@@ -552,7 +581,7 @@ class Timer:
         return np.asarray(fine / (np.sqrt((fine**2).sum()) + 1e-30))
 
 
-def _onset(sound: Floats, rate: int, place: int) -> int:
+def _onset(sound: Floats, rate: float, place: int) -> int:
     """The sample that parts noise from click, near a sample `place` of the sound.
 
     It is the k at which k ln var(before) + (n - k) ln var(after) is least (Maeda 1985).
@@ -615,9 +644,13 @@ class Picks:
     numbers: (n,), which touch each is, from 0: some may be unheard.
 
     level: (n,), dB over the noise.
-    band: Hz, above which they were looked for.
+    band: Hz, above which they were looked for; 0 for pulses of a signal.
     score: ln of the likelihood ratio of one ball against clutter.
     scatter, alpha: of a fit to them alone; None where they are too few.
+    contact_time: of the first impact, s; resolution: least error of a time, s; sizes: (n,), areas of
+    the pulses over time. None, 0 and None for sound.
+    left_out, beside: pulses between the first touch and the last, and before and after them, that are
+    nearly as large as the least touch; 0 for sound.
     """
 
     times: Floats
@@ -627,12 +660,21 @@ class Picks:
     score: float = math.inf
     scatter: float | None = None
     alpha: Estimate | None = None
+    contact_time: Known | None = None
+    resolution: float = 0.0
+    sizes: Floats | None = None
+    left_out: int = 0
+    beside: int = 0
 
     def taken(self, touches: range) -> Picks:
         """The picks of these touches of the list, counted from 1."""
         kept = np.isin(np.arange(1, len(self.times) + 1), touches)
         return replace(
-            self, times=self.times[kept], numbers=self.numbers[kept], level=self.level[kept]
+            self,
+            times=self.times[kept],
+            numbers=self.numbers[kept],
+            level=self.level[kept],
+            sizes=None if self.sizes is None else self.sizes[kept],
         )
 
 

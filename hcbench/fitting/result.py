@@ -483,7 +483,8 @@ def _heard(result: FitResult) -> list[str]:
     lines = []
     for s in result.sets:
         if isinstance(s, TouchTimes) and s.picks is not None:
-            lines += ["", f"{s.name}: touches heard above {s.picks.band:g} Hz, s"]
+            how = f"heard above {s.picks.band:g} Hz" if s.picks.band else "found as pulses"
+            lines += ["", f"{s.name}: touches {how}, s"]
             places = [f"{time:.5f}" for time in s.picks.times]
             missed = int(s.picks.numbers[-1]) + 1 - len(places)
             for begin in range(0, len(places), _TIMES_A_LINE):

@@ -171,6 +171,9 @@ def seen_fall(times: Floats, heights: Floats) -> float:
     bends: list[float] = []
     weights: list[float] = []
     count = len(times)
+    if count and not float(np.ptp(heights)) > 0.0:
+        # A marker on the wall: rounding would bend its line.
+        return 0.0
     for frames in _WINDOWS:
         if frames > count:
             break

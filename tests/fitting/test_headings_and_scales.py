@@ -155,7 +155,7 @@ def test_a_title_over_a_numbered_list_names_it(tmp_path: Path, title: str, sign:
 
 
 def test_pixels_are_no_lengths(tmp_path: Path) -> None:
-    rows = "".join(f"{i},{500 - i * i}\n" for i in range(20))
+    rows = "".join(f"{i},{500 - 3 * i}\n" for i in range(20))
     with pytest.raises(UserError, match="412 px = 1 m"):
         read(tmp_path / "film.csv", f"# fps: 240\nframe,y_px\n{rows}")
 

@@ -61,9 +61,11 @@ def test_a_film_in_pixels_has_the_scale_that_its_text_states(tmp_path: Path, sca
 
 
 @pytest.mark.parametrize("scale", ["by hand", "1 px = 0.8 mm; later 1 px = 0.7 mm"])
-def test_pixels_without_one_scale_are_refused(tmp_path: Path, scale: str) -> None:
-    with pytest.raises(UserError, match="412 px = 1 m"):
-        read(tmp_path / "film.csv", film(scale))
+def test_pixels_without_one_scale_are_scaled_by_their_fall(tmp_path: Path, scale: str) -> None:
+    track = read(tmp_path / "film.csv", film(scale))
+    assert isinstance(track, Track)
+    assert track.drop == pytest.approx(0.7, rel=0.02)
+    assert "no scale is given: 1 px is 0.8" in track.assumed
 
 
 def test_a_wrong_scale_is_seen_by_g(tmp_path: Path) -> None:

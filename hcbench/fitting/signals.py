@@ -1,0 +1,465 @@
+"""A signal over time in a file of text, as oscilloscopes, phones, plates and microcontrollers write it.
+
+Tables of bounces have a row for each touch; a signal has one for each sample, evenly in time.
+"""
+
+from __future__ import annotations
+
+import io
+import itertools
+import math
+import re
+import zipfile
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hcbench.fitting.column_names import (
+    PIXELS,
+    is_unit_of,
+    meanings_of,
+    plain_unit,
+    role_of,
+    split_header,
+)
+from hcbench.fitting.sheets import decoded
+from hcbench.fitting.table import unit_scale
+from hcbench.fitting.track import seen_fall
+from hcbench.system.errors import UserError
+from hcbench.system.files import require_small_archive
+from hcbench.system.text import sanitized
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from hcbench.terms.impact import Floats
+
+# Rows of a signal, at least: no table of touches has as many.
+_LEAST_ROWS = 100
+# Bytes of the largest file that is read.
+_LARGEST = 64 << 20
+# Lines in which the sign between cells and the columns of numbers are looked for.
+_LOOKED_AT = 60
+# Lines above the numbers that may name a column or its unit.
+_NAMING = 4
+_SIGNS = ("\t", ";", ",", None)
+_NUMBER = re.compile(r"\s*[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?\s*")
+# "Sample Interval,1e-6", "dt = 1e-6"; the increment of Rigol stands below its name.
+_INTERVAL = re.compile(
+    r"(?:sampl\w*\s*(?:interval|period)|\bdt|increment)\W+([\d.]+(?:e[+-]?\d+)?)"
+)
+# "Sampling rate [Hz] 1000", "Sample Rate: 44100 Hz", "# rate: 44100 Hz".
+_RATE = re.compile(r"\b(?:rate|frequency|fs)\b[\s:=,;\[\](]*(k?)(?:hz)?[\s:=,;\])]*([\d.]+)\s*(k?)")
+# Share of the rows that are numbers, and of the steps of time that are alike.
+_MOST = 0.95
+# A step of time is alike if it differs from the usual one by at most this share.
+_ALIKE = 0.6
+# Durations, s, of a recording of bounces, and its fewest samples a second. They are so close to one
+# another that only one unit of time goes with them.
+_DURATIONS = (0.3, 100.0)
+_LEAST_RATE = 40.0
+# Times that tell whether they are even, at least.
+_LEAST_EVENED = 10
+# A vector's size is taken where its pulses are this many times as clear as those of its axes.
+_FAR_CLEARER = 2.0
+# Largest distance from the median over the usual one: that of places in flight is less.
+_LEAST_CLEAR = 6.0
+# Share by which a rate from rounded times differs from a whole one.
+_OF_RATE = 3e-5
+# Roles of columns that say where the ball is, and its state: such a file is no signal.
+_OF_PLACES = {"height", "height_in", "height_out", "penetration", "rate", "restitution"}
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """One quantity over time, sampled evenly.
+
+    values: (n,), in its own unit. rate: samples a second. begin: time of the first, s.
+    what: the column's name and unit, as the file has them.
+    is_force: True for a force, and then `values` are in N.
+    assumed: what the file does not say and its numbers leave no choice about.
+    """
+
+    name: str
+    values: Floats
+    rate: float
+    begin: float
+    what: str
+    is_force: bool
+    assumed: str = ""
+
+    @property
+    def times(self) -> Floats:
+        """Time of each sample, s, (n,)."""
+        return np.asarray(self.begin + np.arange(len(self.values)) / self.rate)
+
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    """A column of numbers (n,), NaN for other cells, and the names and units above it."""
+
+    numbers: Floats
+    names: tuple[tuple[str, str], ...]
+
+    def unit_of(self, quantity: str) -> str:
+        """Its unit of a quantity; "" for none."""
+        return next((unit for _, unit in self.names if is_unit_of(unit, quantity)), "")
+
+    @property
+    def meanings(self) -> set[str]:
+        """Meanings of all words above it."""
+        return {meaning for name, _ in self.names for meaning in meanings_of(name)}
+
+    @property
+    def is_place(self) -> bool:
+        """True for where the ball is, in a unit of length or in pixels."""
+        roles = {role_of(name, unit) for name, unit in self.names}
+        in_pixels = any(unit in PIXELS for _, unit in self.names)
+        return bool(roles & _OF_PLACES) or in_pixels or bool(self.unit_of("position"))
+
+    @property
+    def what(self) -> str:
+        """Its name with the unit, for people."""
+        name = next((name for name, _ in self.names if name), "the values")
+        unit = next((unit for _, unit in self.names if unit), "")
+        return f"{name} [{unit}]" if unit else name
+
+
+def signal_in(path: Path) -> Signal | None:
+    """The signal in a file of text, or in a zip archive of one; None for any other file, also for one
+    that cannot be read.
+
+    Of several columns that with the clearest pulses is taken.
+    """
+    try:
+        status = path.stat()
+        # A pipe can be read once.
+        if not path.is_file() or status.st_size > _LARGEST:
+            return None
+    except (OSError, ValueError):
+        return None
+    return _signal_in(path, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=4)
+def _signal_in(path: Path, changed: int, size: int) -> Signal | None:
+    """As `signal_in`, once for a file that was last changed then and has that size."""
+    try:
+        text = decoded(_unpacked(path.read_bytes()))
+    except (OSError, UnicodeDecodeError, UserError, zipfile.BadZipFile):
+        return None
+    lines = [line for line in text.splitlines() if line.strip()]
+    if len(lines) < _LEAST_ROWS:
+        return None
+    sign = _sign_of(lines)
+    if sign is None:
+        return None
+    separator, places = sign
+    first = _first_row(lines, separator, places)
+    columns = _columns(lines, separator, places, first)
+    if len(columns) == 0 or len(columns[0].numbers) < _LEAST_ROWS:
+        return None
+    if any(one.is_place for one in columns):
+        return None
+    head = "\n".join(_lines_about(lines, separator, places, first))
+    return _of_columns(sanitized(path.name), columns, head.casefold())
+
+
+def _unpacked(content: bytes) -> bytes:
+    """The content of a file; of an archive with one table besides meta/, as phyphox exports it, that of
+    the table.
+
+    Raises UserError for a large archive, and BadZipFile or OSError for a damaged one.
+    """
+    if not content.startswith(b"PK\3\4"):
+        return content
+    require_small_archive(content)
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        names = [one for one in archive.namelist() if one.endswith((".csv", ".txt"))]
+        tables = [one for one in names if not one.startswith(("meta/", "__MACOSX"))]
+        return archive.read(tables[0]) if len(tables) == 1 else b""
+
+
+def _cells(line: str, separator: str | None) -> list[str]:
+    """Cells of a line, parted by a sign, or by blanks for None; without quotes."""
+    return [cell.strip().strip('"') for cell in line.strip("\r\n").split(separator)]
+
+
+def _sign_of(lines: Sequence[str]) -> tuple[str | None, list[int]] | None:
+    """The sign between cells and the places of the columns of numbers, from lines of the second half;
+    None where lines have no numbers or are not alike.
+    """
+    begin = len(lines) // 2
+    step = max(1, (len(lines) - begin) // _LOOKED_AT)
+    looked_at = lines[begin : len(lines) - 1 : step]
+    # A column alone comes last: "1,5" may be one number, or two.
+    alone: tuple[str | None, list[int]] | None = None
+    for sign in _SIGNS:
+        rows = [_cells(line, sign) for line in looked_at]
+        width = len(rows[0])
+        if sum(len(row) == width for row in rows) < _MOST * len(rows):
+            continue
+        rows = [row for row in rows if len(row) == width]
+        places = []
+        for at in range(width):
+            numeric = sum(1 for row in rows if _NUMBER.fullmatch(row[at]))
+            if numeric >= _MOST * len(rows):
+                places.append(at)
+        # "1,5;2,5" has two numbers between semicolons, and three cells between commas.
+        if places and width > 1:
+            return sign, places
+        if places and alone is None:
+            alone = sign, places
+    return alone
+
+
+def _first_row(lines: Sequence[str], separator: str | None, places: Sequence[int]) -> int:
+    """The first line with a number in each column of numbers, and in the next line too."""
+
+    def is_row(line: str) -> bool:
+        cells = _cells(line, separator)
+        return len(cells) > places[-1] and all(_NUMBER.fullmatch(cells[at]) for at in places)
+
+    for at in range(len(lines) - 1):
+        if is_row(lines[at]) and is_row(lines[at + 1]):
+            return at
+    return 0
+
+
+def _columns(
+    lines: Sequence[str], separator: str | None, places: Sequence[int], first: int
+) -> list[_Column]:
+    """The columns of numbers at these places, from the line `first` on, with the names above; none
+    where the lines are no one table.
+    """
+    import pandas as pd
+
+    body = "\n".join(lines[first:])
+    has_comma = separator != "," and "," in lines[len(lines) // 2]
+    try:
+        frame = pd.read_csv(
+            io.StringIO(body),
+            sep=separator or r"\s+",
+            header=None,
+            usecols=list(places),
+            decimal="," if has_comma else ".",
+            names=range(len(_cells(lines[len(lines) // 2], separator))),
+            on_bad_lines="skip",
+            skipinitialspace=True,
+            low_memory=False,
+        )
+    except ValueError:
+        # Rows of very different widths: several tables, and no signal.
+        return []
+    above = lines[max(0, first - _NAMING) : first]
+    names = _names_above(above, separator, places)
+    columns = []
+    for at in places:
+        numbers = pd.to_numeric(frame[at], errors="coerce").to_numpy(dtype=float)
+        columns.append(_Column(numbers, names[at]))
+    return columns
+
+
+def _names_above(
+    above: Sequence[str], separator: str | None, places: Sequence[int]
+) -> dict[int, tuple[tuple[str, str], ...]]:
+    """(name, unit) pairs above each column: of lines with a cell over it, the last first.
+
+    A line of units alone, "(ms),(mV)" or "second,Volt", gives pairs with an empty name.
+    """
+    found: dict[int, list[tuple[str, str]]] = {at: [] for at in places}
+    for line in reversed(above):
+        cells = _cells(line.strip().lstrip("#%").strip("\r\n"), separator)
+        # A line that says something of the whole file has other cells.
+        if len(cells) <= places[-1] or all(_NUMBER.fullmatch(cells[at]) for at in places):
+            continue
+        for at in places:
+            bare = plain_unit(cells[at].strip("()[] "))
+            if _is_bare_unit(bare):
+                found[at].append(("", bare))
+            elif cells[at] and not _NUMBER.fullmatch(cells[at]):
+                found[at].append(_split(cells[at]))
+    return {at: tuple(pairs) for at, pairs in found.items()}
+
+
+def _split(cell: str) -> tuple[str, str]:
+    """(name, unit) of a name with its unit: also of a unit that tables of bounces do not have."""
+    name, unit = split_header(cell)
+    if not unit:
+        in_brackets = re.search(r"[(\[]\s*([^()\[\]]+)\s*[)\]]\s*$", cell)
+        if in_brackets is not None:
+            return cell[: in_brackets.start()].strip(), in_brackets[1]
+        head, _, last = cell.rpartition("_")
+        if head and is_unit_of(plain_unit(last), "time"):
+            return head, plain_unit(last)
+    return name, unit
+
+
+def _is_bare_unit(text: str) -> bool:
+    """True for a unit alone: of time, of force, or of a voltage."""
+    is_known = is_unit_of(text, "time") or is_unit_of(text, "force")
+    return is_known or text.casefold() in ("v", "mv", "volt", "volts", "µv", "a", "pa", "g")
+
+
+def _lines_about(
+    lines: Sequence[str], separator: str | None, places: Sequence[int], first: int
+) -> Iterator[str]:
+    """Lines that tell of the file: those above the numbers, and cells of Tektronix beside the first."""
+    yield from lines[:first]
+    for line in lines[first : first + 30]:
+        beside = [cell for at, cell in enumerate(_cells(line, separator)) if at not in places]
+        if any(beside):
+            yield ",".join(beside)
+
+
+def _of_columns(name: str, columns: Sequence[_Column], head: str) -> Signal | None:
+    """The signal in columns of numbers; None where no time is told, and where it is not even.
+
+    head: lines about the file, in lower case.
+    """
+    rate = _rate_in(head)
+    clocks = [one for one in columns if _is_even(one.numbers)]
+    clocks.sort(key=lambda one: (not one.unit_of("time"), "time" not in one.meanings))
+    others = [one for one in columns if not any(one is clock for clock in clocks)]
+    if not others:
+        return None
+    if not clocks:
+        if rate is None:
+            return None
+        times = np.arange(len(columns[0].numbers)) / rate
+        assumed = ""
+    else:
+        scaled = _in_seconds(name, clocks[0], rate)
+        if scaled is None:
+            return None
+        times, assumed = scaled
+    chosen = _clearest(others)
+    kept = np.isfinite(times) & np.isfinite(chosen.numbers)
+    times = times[kept]
+    values = chosen.numbers[kept]
+    if len(times) < _LEAST_ROWS or not float(np.ptp(values)) > 0.0:
+        return None
+    if _clearness(values) < _LEAST_CLEAR and seen_fall(times, values):
+        # A track under an unknown name.
+        return None
+    even = evened(times)
+    if even is None:
+        # Jitter of a phone's clock, and samples that were dropped.
+        even = np.linspace(times[0], times[-1], len(times))
+        values = np.interp(even, times, values)
+    step = float(even[1] - even[0])
+    if 1.0 / step < _LEAST_RATE:
+        return None
+    unit = chosen.unit_of("force")
+    if unit:
+        values = values * unit_scale(name, chosen.what, unit, "force")
+    even_rate = 1.0 / step
+    if math.isclose(even_rate, round(even_rate), rel_tol=_OF_RATE):
+        # Times are rounded.
+        even_rate = float(round(even_rate))
+    return Signal(name, values, even_rate, float(times[0]), chosen.what, bool(unit), assumed)
+
+
+def evened(times: Floats) -> Floats | None:
+    """Times of samples, (n,), that are even but for their rounding; None where they are not.
+
+    A force over rounded times would have a wrong impulse.
+    """
+    if len(times) < _LEAST_EVENED:
+        return None
+    even = np.linspace(times[0], times[-1], len(times))
+    step = float(even[1] - even[0])
+    return even if float(np.abs(times - even).max()) <= _ALIKE * step else None
+
+
+def _is_even(numbers: Floats) -> bool:
+    """Say whether numbers (n,) rise in nearly even steps, as the times of samples do."""
+    numbers = numbers[np.isfinite(numbers)]
+    steps = np.diff(numbers)
+    if len(numbers) < _LEAST_ROWS or (steps < 0.0).any():
+        return False
+    usual = float(numbers[-1] - numbers[0]) / len(steps)
+    # Whole milliseconds may stand still for some samples.
+    alike = np.abs(steps - float(np.median(steps))) <= _ALIKE * usual
+    return usual > 0.0 and float(alike.mean()) >= _MOST
+
+
+def _in_seconds(name: str, clock: _Column, rate: float | None) -> tuple[Floats, str] | None:
+    """Times of a column in s, (n,), and what was assumed of its unit; None where no unit is likely.
+
+    rate: samples a second where the file tells it, for a column that counts them.
+    """
+    numbers = clock.numbers
+    unit = clock.unit_of("time")
+    if unit:
+        return unit_scale(name, "time", unit, "time") * numbers, ""
+    finite = numbers[np.isfinite(numbers)]
+    span = float(finite[-1] - finite[0])
+    if rate is not None and math.isclose(span, len(finite) - 1, rel_tol=1e-6):
+        return (numbers - finite[0]) / rate, ""
+    for unit, second in (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
+        duration = span / second
+        is_fast = len(finite) > _LEAST_RATE * duration
+        if _DURATIONS[0] < duration < _DURATIONS[1] and is_fast:
+            said = "" if "time" in clock.meanings and unit == "s" else f"its time read as {unit}"
+            return numbers / second, said
+    return None
+
+
+def _rate_in(head: str) -> float | None:
+    """Samples a second that lines about a file tell, in lower case; None where they do not."""
+    interval = _INTERVAL.search(head)
+    if interval is not None and 1e-9 < float(interval[1]) < 1.0:
+        return 1.0 / float(interval[1])
+    lines = [line.split(",") for line in head.splitlines()]
+    for names, numbers in itertools.pairwise(lines):
+        if "increment" in names and len(numbers) > names.index("increment"):
+            text = numbers[names.index("increment")]
+            if _NUMBER.fullmatch(text) and float(text) > 0.0:
+                return 1.0 / float(text)
+    rate = _RATE.search(head)
+    if rate is None or not float(rate[2]) > 0.0:
+        return None
+    thousands = 1e3 if rate[1] or rate[3] else 1.0
+    return thousands * float(rate[2])
+
+
+def _clearest(columns: Sequence[_Column]) -> _Column:
+    """The column with the clearest pulses; the size of a vector where that is far clearer than its axes,
+    as of a sensor in a ball that turns.
+
+    A size hides to which side a pulse goes: an axis is better where it shows the pulses.
+    """
+    by_axis: dict[tuple[frozenset[str], str], dict[str, _Column]] = {}
+    for one in columns:
+        for name, unit in one.names:
+            axis = re.search(r"(?:\b|_|a)([xyz])$", name.strip().casefold())
+            if axis is not None:
+                group = frozenset(meanings_of(name) - {"x", "y", "z", "vertical"}), unit
+                by_axis.setdefault(group, {})[axis[1]] = one
+    vectors = [list(axes.values()) for axes in by_axis.values() if len(axes) == len("xyz")]
+    if not vectors:
+        return max(columns, key=lambda one: _clearness(one.numbers))
+    # phyphox writes the size itself, too.
+    axes = [one for vector in vectors for one in vector]
+    clearest = max(axes, key=lambda one: _clearness(one.numbers))
+    sizes = [
+        _Column(np.linalg.norm([one.numbers for one in vector], axis=0), vector[-1].names)
+        for vector in vectors
+        if not any(one.unit_of("force") for one in vector)
+    ]
+    for size in sizes:
+        if _clearness(size.numbers) > _FAR_CLEARER * _clearness(clearest.numbers):
+            clearest = size
+    return clearest
+
+
+def _clearness(values: Floats) -> float:
+    """Largest distance of values (n,) from their median, over the median distance."""
+    away = np.abs(values - np.nanmedian(values))
+    usual = float(np.nanmedian(away))
+    top = float(np.nanmax(away))
+    return top / usual if usual > 0.0 else top
