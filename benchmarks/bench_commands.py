@@ -97,14 +97,14 @@ LONG_S = 3.0  # a command that may take longer is measured twice in place of fou
 @pytest.mark.parametrize(
     ("words", "of", "must", "aim"),
     [
-        (("check", *MEASURED, "--restitution", "0.5", "--max-error", "1"), "", "0.7 s", "0.4 s"),
-        (("measure", *MEASURED), "", "0.7 s", "0.4 s"),
-        (("measure", *PAIR, "--alpha", "0.3 s/m"), "--alpha, 8 speeds", "0.7 s", "0.45 s"),
-        (("measure", *FOOT, "--alpha", "0.3 s/m"), "of README's quadruped", "1 s", "0.6 s"),
-        (("pairs", MODEL), "", "0.65 s", "0.4 s"),
-        (("land", QUADRUPED), "of README's quadruped", "1 s", "0.6 s"),
+        (("check", *MEASURED, "--restitution", "0.5", "--max-error", "1"), "", "0.6 s", "0.4 s"),
+        (("measure", *MEASURED), "", "0.55 s", "0.4 s"),
+        (("measure", *PAIR, "--alpha", "0.3 s/m"), "--alpha, 8 speeds", "0.65 s", "0.45 s"),
+        (("measure", *FOOT, "--alpha", "0.3 s/m"), "of README's quadruped", "0.9 s", "0.6 s"),
+        (("pairs", MODEL), "", "0.5 s", "0.4 s"),
+        (("land", QUADRUPED), "of README's quadruped", "0.8 s", "0.6 s"),
         (("law", "--alpha", "0.008 s/in", "--speed", "8 in/s"), "", "0.2 s", "0.15 s"),
-        (("convert", "--alpha", "0.008 s/in"), "", "0.45 s", "0.2 s"),
+        (("convert", "--alpha", "0.008 s/in"), "", "0.4 s", "0.2 s"),
         (("tune", "mujoco", "--alpha", "0.008 s/in", "--timestep", "1e-3"), "", "2 s", "0.7 s"),
         (TUNE, "mujoco at 2 ms, all kinds", "1.5 s", "0.8 s"),
         ((*TUNE, "--plugin"), "--plugin", "0.8 s", "0.4 s"),
@@ -199,7 +199,7 @@ def test_processor_time_of_a_fit(beside: Any, tmp_path: Path) -> None:
     pairs = ["0.2,0.19", "0.4,0.36", "0.8,0.64", "1.2,0.9", "1.6,1.1"]
     table.write_text("\n".join(["v_in (m/s),v_out (m/s)", *pairs]))
     fit = {"hcbench": lambda: processor(HCBENCH, "fit", str(table))}
-    beside("hcbench fit of a table, processor time", fit, rounds=3, must="0.8 s", aim="0.5 s")
+    beside("hcbench fit of a table, processor time", fit, rounds=3, must="0.75 s", aim="0.5 s")
 
 
 def test_processor_time_of_a_fit_of_sound(beside: Any) -> None:

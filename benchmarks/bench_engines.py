@@ -192,14 +192,14 @@ QUADRUPED = str(Path(__file__).parents[1] / "examples/quadruped.xml")
 @pytest.mark.parametrize(
     ("what", "source", "pair", "must", "aim"),
     [
-        ("a ball at 0.1 ms", users_ball(1e-4), "ball,plate", "1/3", "1/1.2"),
-        ("a ball at 2 ms", users_ball(2e-3), "ball,plate", "1/3", "1/1.2"),
-        ("66 degrees of freedom at 2 ms", users_robot(2e-3), "ball,plate", "1/1.5", "1/1.2"),
+        ("a ball at 0.1 ms", users_ball(1e-4), "ball,plate", "1/1.5", "1/1.2"),
+        ("a ball at 2 ms", users_ball(2e-3), "ball,plate", "1/2.5", "1/1.2"),
+        ("66 degrees of freedom at 2 ms", users_robot(2e-3), "ball,plate", "1/1.4", "1/1.2"),
         (
             "README's quadruped, a foot, 2 ms",
             QUADRUPED,
             "left_front_foot,floor",
-            "1/2",
+            "1/1.6",
             "1/1.2",
         ),
     ],

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import mujoco
 import pytest
 
-from hcbench.engines.mujoco.model import simulation
+import hcbench as hb
+from hcbench.engines.mujoco.model import floor_record, simulation
 from hcbench.engines.mujoco.model.simulation import CompiledFlight, flights_of
 from hcbench.engines.mujoco.model.speed_shares import ADHESION
 from hcbench.engines.mujoco.model.under_test import MujocoModel
@@ -16,6 +18,7 @@ from hcbench.sim import simulate
 from hcbench.system.compiler import NotCompiled
 from hcbench.system.errors import EngineFailed
 
+QUADRUPED = Path(__file__).parents[3] / "examples/quadruped.xml"
 PLATE = '<geom name="plate" type="plane" size="2 2 .1"/>'
 FREE = '<body name="ball" pos="0 0 .3"><freejoint/><geom {0}/></body>'
 # A ball on a slide with a servo, friction and damping, which adheres; its two arms hang together, lie
@@ -87,7 +90,7 @@ def test_bits_are_those_of_the_loop_in_python(name: str, monkeypatch: pytest.Mon
     in_c.least_steps = in_python.least_steps = 8  # several calls a launch
     assert isinstance(flights_of(in_c, in_c.request.launches())[0], CompiledFlight)
     found = results(in_c)
-    monkeypatch.setattr(simulation, "_library", lambda: None)
+    monkeypatch.setattr(simulation, "loop_in_c", lambda: None)
     assert found == results(in_python)
     if "resets" in name:
         assert "diverged" in found[0]
@@ -104,12 +107,12 @@ def test_without_a_compiler_the_loop_in_python_steps(monkeypatch: pytest.MonkeyP
         raise NotCompiled("no C compiler found")
 
     monkeypatch.setattr(simulation, "build", missing)
-    simulation._library.cache_clear()
+    simulation.loop_in_c.cache_clear()
     model = opened(mjcf("a ball"))
     try:
         assert type(flights_of(model, model.request.launches())[0]).__name__ == "MujocoFlight"
     finally:
-        simulation._library.cache_clear()
+        simulation.loop_in_c.cache_clear()
 
 
 @pytest.mark.parametrize("option", ['integrator="RK4"', ""])
@@ -125,3 +128,16 @@ def test_a_fatal_error_of_mujoco_is_an_error_and_not_the_end_of_the_process() ->
     model.model.opt.solver = 99
     with pytest.raises(EngineFailed, match="solver"):
         simulate.impacts_in(model, model.request.launches())
+
+
+@pytest.mark.parametrize("contacts", [0, 4])
+def test_a_robot_lands_in_c_as_in_python(contacts: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = mujoco.MjModel.from_xml_path(str(QUADRUPED))
+    monkeypatch.setattr(floor_record, "_CONTACTS", contacts)  # 0: room is made as points come
+    (in_c,) = hb.land(model, "3 cm", tilt="10 deg").drops
+    monkeypatch.setattr(floor_record, "loop_in_c", lambda: None)
+    (in_python,) = hb.land(model, "3 cm", tilt="10 deg").drops
+    assert len(in_c.feet) == 4
+    assert repr(in_c) == repr(in_python)
+    assert in_c.force.tobytes() == in_python.force.tobytes()
+    assert [repr(one) for one in in_c.others] == [repr(one) for one in in_python.others]

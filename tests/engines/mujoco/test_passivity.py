@@ -144,13 +144,13 @@ def test_drops_in_c_are_those_in_numpy(recipe: str, off: float) -> None:
         assert rebounds == pytest.approx(expected[2], rel=off, abs=0.0)
 
 
-@pytest.mark.skipif(simulation._library() is None, reason="no C compiler")
+@pytest.mark.skipif(simulation.loop_in_c() is None, reason="no C compiler")
 def test_a_body_takes_the_same_steps_in_c_as_in_python(monkeypatch: pytest.MonkeyPatch) -> None:
     contact, runs = judge.tried(replace(SCENE, friction=0.5), made("compliant", 0.5))
     model = contact.with_boxes(runs[0])
     paths = []
-    for library in (simulation._library(), None):
-        monkeypatch.setattr(simulation, "_library", lambda library=library: library)
+    for library in (simulation.loop_in_c(), None):
+        monkeypatch.setattr(simulation, "loop_in_c", lambda library=library: library)
         data = mujoco.MjData(model)
         data.qpos[2] += 0.01
         data.qvel[:] = 0.3, 0.0, -0.5, 0.0, 2.0, 1.0

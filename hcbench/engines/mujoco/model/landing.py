@@ -26,6 +26,7 @@ from hcbench.engines.mujoco.model.bodies import (
 )
 from hcbench.engines.mujoco.model.falling import robot_in
 from hcbench.engines.mujoco.model.find_pair import contact_in_force, named_pair
+from hcbench.engines.mujoco.model.floor_record import FloorRecord, Point
 from hcbench.engines.mujoco.model.open import copy_state
 from hcbench.engines.mujoco.model.over_floor import Drive, OverFloor, drive_of
 from hcbench.engines.mujoco.model.pair import WithoutContact, restitution_law
@@ -113,19 +114,8 @@ def _broken_promises(model: Any, floor: Iterable[int]) -> Iterator[str]:
                 yield f"{suspect.title} {suspect.evidence} ({suspect.code})."
 
 
-class _Point(NamedTuple):
-    """A point at which the robot meets the floor in one step, SI.
-
-    geom, floor: numbers of the two geoms. force: normal, N; 0 where a plug-in's law turns the point
-    back by an impulse. depth: m. speed: towards the floor before the step; slide: along it, m/s.
-    """
-
-    geom: int
-    floor: int
-    force: float
-    depth: float
-    speed: float
-    slide: float
+# Steps that are read together; each takes 1 kB, and more with contacts and joints.
+_STEPS_AT_ONCE = 256
 
 
 class _Foot(NamedTuple):
@@ -231,34 +221,34 @@ class _Bench:
         drive: sets the controls before each step. Raises UserError where the robot meets nothing;
         EngineFailed where MuJoCo finds the state unstable.
         """
-        robot = self.over_floor
-        jacobian = np.zeros((3, self.model.nv))
-        latest = latest_touch(height, robot.gravity)
+        latest = latest_touch(height, self.over_floor.gravity)
+        most = math.ceil((latest + WINDOW_S) / self.timestep)
+        record = FloorRecord(self.over_floor, min(most, _STEPS_AT_ONCE))
         fall = _Fall({}, [], [])
         first_touch = math.nan
-        for step in range(math.ceil((latest + WINDOW_S) / self.timestep)):
+        # Of the steps in `record`: points that are turned back, and the force where impulses act.
+        struck: list[list[Point]] = []
+        by_momentum: list[float] = []
+        for step in range(most):
             time = step * self.timestep
             drive(data)
-            before = data.qvel.copy()
-            struck = self._struck_points(data)
+            record.begin(data)
+            struck.append(self._struck_points(data))
             at_start = self._at_start(data)
             backend().mj_step(self.model, data)
-            _require_stable(data, time)
-            pressed, force = self._pressed_points(at_start, before)
-            since_touch = time - first_touch if fall.feet else 0.0
-            self._tread(fall.feet, pressed, struck, since_touch)
-            if not fall.feet:
-                if time > latest:
-                    break
-                continue
-            if not fall.forces:
+            is_reset = self._stage is not None and resets(data)
+            if is_reset or not record.read(at_start):
+                raise _unstable(time)
+            if math.isnan(first_touch) and (struck[-1] or record.presses()):
                 first_touch = time
-            if self._without_contact is not None:
-                force = self._force_by_momentum(data, self._without_contact)
-            backend().mj_jacSubtreeCom(self.model, at_start, jacobian, robot.root)
-            fall.forces.append(force)
-            fall.rising.append(float(robot.up @ jacobian @ before))
-            if time - first_touch > WINDOW_S:
+            if self._without_contact is not None and time >= first_touch:
+                by_momentum.append(self._force_by_momentum(data, self._without_contact))
+            is_over = time - first_touch > WINDOW_S or (math.isnan(first_touch) and time > latest)
+            if is_over or record.is_full or step == most - 1:
+                self._walk(fall, record, first_touch, step + 1, struck, by_momentum)
+                struck.clear()
+                by_momentum.clear()
+            if is_over:
                 break
         if not fall.feet:
             raise UserError(
@@ -280,7 +270,35 @@ class _Bench:
         backend().mj_forward(self.model, self._stage)
         return self._stage
 
-    def _struck_points(self, data: Any) -> list[_Point]:
+    def _walk(
+        self,
+        fall: _Fall,
+        record: FloorRecord,
+        first_touch: float,
+        end: int,
+        struck: Sequence[Sequence[Point]],
+        by_momentum: Sequence[float],
+    ) -> None:
+        """Add the steps of a record to a fall, and to the logs of its feet.
+
+        first_touch: time of the first touch, s. end: number of the step after the last. struck:
+        points of each step that a plug-in's law turns back. by_momentum: force of the last steps,
+        N, in place of MuJoCo's contact forces where such a law acts.
+        """
+        begin = end - len(struck)
+        # Steps before the first touch have no force by momentum.
+        without = len(struck) - len(by_momentum)
+        for k, step in enumerate(record.steps()):
+            time = (begin + k) * self.timestep
+            since_touch = time - first_touch if fall.feet else 0.0
+            self._tread(fall.feet, step.points, struck[k], since_touch)
+            if not fall.feet:
+                continue
+            force = step.force if self._without_contact is None else by_momentum[k - without]
+            fall.forces.append(force)
+            fall.rising.append(step.rising)
+
+    def _struck_points(self, data: Any) -> list[Point]:
         """Points of the robot that a plug-in's law will turn back by impulses in the coming step;
         empty for a model without such a law.
 
@@ -302,7 +320,7 @@ class _Bench:
             normal = sign * contact.frame[:3]
             speed, slide = self._speeds(trial, trial.qvel, contact.pos, normal, geom)
             if speed > 0.0:
-                points.append(_Point(geom, floor, 0.0, -float(contact.dist), speed, slide))
+                points.append(Point(geom, floor, 0.0, -float(contact.dist), speed, slide))
         return points
 
     def _force_by_momentum(self, data: Any, beside: WithoutContact) -> float:
@@ -318,42 +336,8 @@ class _Bench:
         gained = float(robot.up @ jacobian @ (data.qvel - beside.step()))
         return robot.mass * gained / self.timestep
 
-    def _pressed_points(self, data: Any, before: Floats) -> tuple[list[_Point], float]:
-        """Read MuJoCo's contact forces in the step just taken: the points at which the floor presses
-        on the robot, and the sum of its forces on the robot, N upwards.
-
-        data: MjData after the step, with the contacts of its start. before: velocities at its
-        start, (nv,).
-        """
-        contacts = data.contact
-        # Each look at a list of all contacts takes as long as a contact's force.
-        geoms = contacts.geom
-        # A contact without a constraint row has no force.
-        acting = self.over_floor.between(geoms) & (contacts.efc_address >= 0)
-        points: list[_Point] = []
-        upward = 0.0
-        if not acting.any():
-            return points, upward
-        frames = contacts.frame
-        places = contacts.pos
-        distances = contacts.dist
-        up = self.over_floor.up
-        contact_force = backend().mj_contactForce
-        # Force along the contact's normal and two tangents, then torques.
-        wrench = np.zeros(6)
-        for i in np.flatnonzero(acting).tolist():
-            contact_force(self.model, data, i, wrench)
-            geom, floor, sign = self._robot_first(geoms[i])
-            frame = frames[i].reshape(3, 3)
-            upward += sign * float(up @ (frame.T @ wrench[:3]))
-            force = float(wrench[0])
-            if force > 0.0:
-                speed, slide = self._speeds(data, before, places[i], sign * frame[0], geom)
-                points.append(_Point(geom, floor, force, -float(distances[i]), speed, slide))
-        return points, upward
-
     def _tread(
-        self, feet: _Feet, pressed: Sequence[_Point], struck: Sequence[_Point], time: float
+        self, feet: _Feet, pressed: Sequence[Point], struck: Sequence[Point], time: float
     ) -> None:
         """Add one step to the logs of the feet, and a new foot for each part that touches first.
 
@@ -361,7 +345,7 @@ class _Bench:
         forces. struck: points that a plug-in's law turns back by impulses. time: of the step's
         start, s after the first touch.
         """
-        pressed_of: dict[int, list[_Point]] = {}
+        pressed_of: dict[int, list[Point]] = {}
         for point in pressed:
             pressed_of.setdefault(self._rigid_body(point.geom), []).append(point)
             self.floor_geoms.add(point.floor)
@@ -426,7 +410,7 @@ class _Bench:
         return geom_name(self.model, geom) if name else body_name(self.model, body)
 
 
-def _mean_slide(points: Sequence[_Point]) -> tuple[float, float]:
+def _mean_slide(points: Sequence[Point]) -> tuple[float, float]:
     """Sum of the points' forces, N, and their mean speed along the floor weighed by the forces, m/s.
 
     points: one or more, at which the floor presses.
@@ -441,19 +425,17 @@ def _mean_slide(points: Sequence[_Point]) -> tuple[float, float]:
     return total, float(forces @ slides) / total
 
 
-def _require_stable(data: Any, time: float) -> None:
-    """Raise EngineFailed if MuJoCo reset the state in the step just taken, as it does with an
-    unstable one.
+def _unstable(time: float) -> EngineFailed:
+    """The error to raise where MuJoCo reset the state in a step, as it does with an unstable one.
 
-    data: MjData after the step. time: from release to its start, s.
+    time: from release to the step's start, s.
     """
-    if resets(data):
-        raise EngineFailed(
-            "model",
-            f"MuJoCo found the state unstable {time:.3g} s after release",
-            "a robot that its controller holds",
-            "Try --controller pd:KP,KD or a smaller --timestep",
-        )
+    return EngineFailed(
+        "model",
+        f"MuJoCo found the state unstable {time:.3g} s after release",
+        "a robot that its controller holds",
+        "Try --controller pd:KP,KD or a smaller --timestep",
+    )
 
 
 # MuJoCo: a recorded motion of a model, read for the speeds at which its parts met the floor.

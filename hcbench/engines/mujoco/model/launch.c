@@ -367,3 +367,38 @@ int follow(const mjModel* m, mjData* d, int steps, int32_t* contacts, double* sp
   end_catching();
   return result;
 }
+
+static int is_of(const uint8_t* part, int geom) { return geom >= 0 && part[geom]; }
+
+// Read the step just taken: the contacts with a force between a robot, of base `root`, and its
+// floor, and into `centre` the Jacobian of the robot's centre of mass, (3, nv). Of each contact, as
+// far as there is `room`: geoms, MuJoCo's wrench, (6), frame, (9), and distance, and the Jacobian of
+// the robot's material there, (3, nv). Returns the number of contacts, or -1 for a state that MuJoCo
+// reset.
+int read_floor(const mjModel* m, mjData* d, int root, const uint8_t* of_robot,
+               const uint8_t* of_floor, int room, int32_t* geoms, double* wrench, double* frame,
+               double* distance, double* jacobian, double* centre) {
+  for (int i = mjWARN_BADQPOS; i <= mjWARN_BADQACC; i++) {
+    if (d->warning[i].number) return -1;
+  }
+  size_t size = 3 * (size_t)m->nv;
+  int count = 0;
+  for (int i = 0; i < (int)d->ncon; i++) {
+    const mjContact* contact = d->contact + i;
+    int one = contact->geom[0], two = contact->geom[1];
+    if (contact->efc_address < 0) continue;
+    if (!is_of(of_robot, one) && !is_of(of_robot, two)) continue;
+    if (!is_of(of_floor, one) && !is_of(of_floor, two)) continue;
+    size_t n = (size_t)count++;
+    if (count > room) continue;
+    geoms[2 * n] = one;
+    geoms[2 * n + 1] = two;
+    mj_contactForce(m, d, i, wrench + 6 * n);
+    mju_copy(frame + 9 * n, contact->frame, 9);
+    distance[n] = contact->dist;
+    int body = m->geom_bodyid[is_of(of_robot, two) ? two : one];
+    mj_jac(m, d, jacobian + size * n, NULL, contact->pos, body);
+  }
+  mj_jacSubtreeCom(m, d, centre, root);
+  return count;
+}

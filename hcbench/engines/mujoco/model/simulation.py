@@ -508,11 +508,11 @@ class _Launch(ctypes.Structure):
 
 
 @functools.cache
-def _library() -> ctypes.CDLL | None:
+def loop_in_c() -> ctypes.CDLL | None:
     """Compile and load the loop in C for the installed MuJoCo; None where that cannot be done.
 
-    Its functions are `advance`, for launches; `follow`, for a free body; and `fatal_error`, the text
-    of MuJoCo's last fatal error.
+    Its functions are `advance`, for launches; `follow`, for a free body; `read_floor`, for a
+    robot that lands; and `fatal_error`, the text of MuJoCo's last fatal error.
     """
     try:
         arguments = plugin.compiler_arguments(Path(backend().__file__).parent)
@@ -528,6 +528,7 @@ def _library() -> ctypes.CDLL | None:
         *(count, count, pointer, pointer, pointer, pointer),
     ]
     library.follow.argtypes = [pointer, pointer, count, pointer, pointer, pointer]
+    library.read_floor.argtypes = [pointer, pointer, count, pointer, pointer, count, *[pointer] * 6]
     return library
 
 
@@ -541,7 +542,7 @@ def follow_in_c(
     led to it, (n,), qvel, (n, 6), and the height after the step from it, m, (n,).
     Raises MuJoCo's FatalError.
     """
-    library = _library()
+    library = loop_in_c()
     if library is None:
         return False
     arrays = [array.ctypes.data for array in (contacts, speeds, heights)]
@@ -557,7 +558,7 @@ def flights_of(opened: OpenedModel, launches: Sequence[Launch]) -> list[MujocoFl
     """
     space = LaunchWorkspace.of(opened, opened.stepped)
     kind: Callable[[OpenedModel, Launch, LaunchWorkspace], MujocoFlight] = MujocoFlight
-    if _is_plain(opened, launches, space) and _library() is not None:
+    if _is_plain(opened, launches, space) and loop_in_c() is not None:
         kind = functools.partial(CompiledFlight, pair=PairInC(opened))
     flights = []
     for launch in launches:
@@ -698,7 +699,7 @@ class CompiledSimulation(Flights[CompiledFlight]):
         Each ends some steps after the two have parted, or sooner if it turns back. Raises
         EngineFailed for a fatal error of MuJoCo's, and where there is no memory for a step.
         """
-        library = _library()
+        library = loop_in_c()
         assert library is not None, "flights_of makes such launches only with a library"
         count = len(self._flights)
         # NaN after the end of each launch.
