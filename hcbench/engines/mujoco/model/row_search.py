@@ -43,8 +43,10 @@ _STEPS = 30
 # Speeds and phases of a small model, and of a large one.
 _GRID_SMALL = (4, 9)
 _GRID_LARGE = (3, 6)
-# The launches go in parts: most rows fail in the first.
+# The launches go in parts, and most rows fail in the first. A large model's step takes so long that
+# many calls cost less than launches of rows that have failed.
 _PARTS = 3
+_PARTS_LARGE = 11
 # Impacts at this share of the lowest speed, at so many phases, may not gain energy.
 _SLOW = 0.4
 _SLOW_PHASES = 4
@@ -165,15 +167,17 @@ class RowSearch:
         self._calm = max(_CALM, float(np.nan_to_num(was.vibration)))
         self._shallow = max(_SHALLOW, float(np.nan_to_num(was.penetration)))
 
-        plan = _speeds_and_phases(band, is_large=self._model.nv > _LIGHT)
+        is_large = self._model.nv > _LIGHT
+        plan = _speeds_and_phases(band, is_large)
         starts = [self._start_states(model, plan) for model in opened]
         # Of each part of the launches: the index in `opened`, the states at release, (n, nstate),
-        # and the controls, (nu,). A third of every model's launches, then the next third: bad rows
+        # and the controls, (nu,). A part of every model's launches, then the next part: bad rows
         # are given up after the first.
         self._launches = []
-        for part in range(_PARTS):
+        parts = _PARTS_LARGE if is_large else _PARTS
+        for part in range(parts):
             for number, (states, control) in enumerate(starts):
-                self._launches.append((number, states[part::_PARTS], control))
+                self._launches.append((number, states[part::parts], control))
         # The pair at touch and at rest, under each attitude.
         self._laid = [self._start_states(model, [(0.0, 0.0)]) for model in opened]
 
