@@ -183,8 +183,9 @@ def falling_root(model: Any, requests: Sequence[Request]) -> int:
         if names is None:
             raise UserError("pair", "missing", _EXPECTED)
         pair = named_pair(model, names)
-        one, two = pair.first.body, pair.second.body
-        moving = [body for body in (one, two) if model.body_weldid[body]]
+        bodies = (pair.first.body, pair.second.body)
+        # MuJoCo welds what stands still to the world, whose number is 0.
+        moving = [body for body in bodies if model.body_weldid[body]]
         if len(moving) != 1:
             raise UserError("pair", ",".join(names), _EXPECTED)
         roots.add(int(model.body_rootid[moving[0]]))
@@ -195,6 +196,7 @@ def falling_root(model: Any, requests: Sequence[Request]) -> int:
     off = model.opt.disableflags & backend().mjtDisableBit.mjDSBL_GRAVITY
     if off or not gravity.any():
         raise UserError("gravity", "the model has none", _EXPECTED, "Try --gravity 9.81")
+    # For its error where the base cannot fall.
     falling_joint(model, root, -gravity / np.linalg.norm(gravity))
     return root
 
@@ -388,6 +390,7 @@ def hold_pose(model: Any, start: Any, root: int) -> tuple[Floats, str]:
     """
     before = start.ctrl.copy()
     drive, words = drive_of("pd", model, start, root)
+    # The controls at rest in the pose, read off the start, which then is as it was.
     drive(start)
     controls: Floats = start.ctrl.copy()
     start.ctrl[:] = before
@@ -396,8 +399,10 @@ def hold_pose(model: Any, start: Any, root: int) -> tuple[Floats, str]:
         motors = drive.motors
     for motor in motors:
         actuator = motor.actuator
-        # Its length is the gear times the angle.
+        # A servo of MuJoCo: force = kp (ctrl - length) - kd velocity, along its length, which is the
+        # gear times the angle; the torque is the gear times the force.
         gear = float(model.actuator_gear[actuator, 0]) or 1.0
+        # The largest torques of the motor, as forces of the servo.
         limit = motor.gain / gear * model.actuator_ctrlrange[actuator]
         if model.actuator_ctrllimited[actuator] and not model.actuator_forcelimited[actuator]:
             model.actuator_forcelimited[actuator] = 1
