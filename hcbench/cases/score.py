@@ -455,12 +455,14 @@ def _run(cases: Json, limit: float, name: str, adapter: Path, variant: int) -> J
     Raises EngineFailed where the adapter makes no engine.
     """
     engine = registry.engine(name)
+    # An engine in an environment of its own is run by the Python there.
     python = Path(sys.executable)
     if isinstance(engine, RemoteEngine):
         python = engine.environment.executable
     with tempfile.TemporaryDirectory() as folder:
 
         def start(arguments: list[str]) -> subprocess.CompletedProcess[str]:
+            """Run that Python in the folder, and wait; it ends when this process does."""
             return run_with_parent([str(python), *arguments], Path(folder), os.environ)
 
         parts: list[Json] = []
@@ -468,6 +470,7 @@ def _run(cases: Json, limit: float, name: str, adapter: Path, variant: int) -> J
         # Another process goes on behind a case that ended one.
         while left:
             part = run_apart(adapter, variant, {**cases, "cases": left}, start, limit)
+            # Without a version no engine was made; the first run has the error.
             if not part["engine"]["version"]:
                 [first, *_], *_ = part["runs"].values()
                 raise EngineFailed(f"engine {name!r}", first["error"], "results of its cases")

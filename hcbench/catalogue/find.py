@@ -202,7 +202,7 @@ def _unknown(name: str, wanted: str) -> UserError:
     parts = set(re.findall(r"\w+", wanted)) - {"on", "ball"}
 
     def nearness(known: str) -> tuple[int, float]:
-        """How near a known name is: words that it shares, then likeness of its letters, 0 to 1."""
+        """Nearness of a known name: words that it shares, then likeness of letters, 0 to 1."""
         shared = parts & set(re.findall(r"\w+", known.lower()))
         return len(shared), SequenceMatcher(None, wanted, known.lower()).ratio()
 

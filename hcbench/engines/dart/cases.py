@@ -44,6 +44,7 @@ class DartBodies:
         if world["floor"]:
             ground = dart.dynamics.Skeleton("floor")
             _, node = ground.createWeldJointAndBodyNodePair()
+            # DART has no planes: a thick plate, whose upper side is z = 0.
             slab = dart.dynamics.BoxShape(np.array([20.0, 20.0, 0.4]) * self.length)
             shape = self._shape(node, slab, floor_e, friction)
             shape.setRelativeTranslation(np.array([0.0, 0.0, -0.2]) * self.length)
@@ -67,6 +68,7 @@ class DartBodies:
         mass = body["mass"]
         inertia = self._solid(body).computeInertia(mass)
         node.setInertia(dart.dynamics.Inertia(mass, [0, 0, 0], inertia))
+        # Of a free joint the rotations come first.
         skeleton.setPositions([0, 0, 0, *at])
         skeleton.setVelocities([*body["spin"], *(np.array(body["velocity"]) * self.length)])
         return node, skeleton

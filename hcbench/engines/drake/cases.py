@@ -43,6 +43,7 @@ class DrakeBodies:
         self.plant = plant
         self.simulator = drake.Simulator(builder.Build())
         self.context = plant.GetMyMutableContextFromRoot(self.simulator.get_mutable_context())
+        # Only a finalized plant has a state to set; all bodies are free.
         for made, body in zip(self.moving, bodies, strict=True):
             plant.SetFreeBodyPose(self.context, made, drake.RigidTransform(body["position"]))
             velocity = drake.SpatialVelocity(body["spin"], body["velocity"])

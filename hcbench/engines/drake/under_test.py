@@ -407,8 +407,8 @@ def _described(loaded: LoadedPlant, context: Any, first: Part, second: Part) -> 
     context: Drake's, of the plant. first, second: parts of one geometry each. Mass, kg, and
     distance, m, are NaN where Drake does not know the distance.
     """
-    distance = math.nan
-    mass = math.nan
+    distance = math.nan  # m
+    mass = math.nan  # kg
     try:
         gap = loaded.nearest(context, first, second)
     # Drake does not know the distance of these shapes.
@@ -417,6 +417,7 @@ def _described(loaded: LoadedPlant, context: Any, first: Part, second: Part) -> 
     else:
         distance = gap.distance
         row = approach_row(loaded, context, (first, second), gap)
+        # J M⁻¹ Jᵀ, 1/kg; 0 where neither can move.
         mobility = float(row @ np.linalg.solve(loaded.plant.CalcMassMatrix(context), row))
         if mobility > 0:
             mass = 1.0 / mobility

@@ -81,22 +81,26 @@ class LoadedPlant:
         paths = [Path(path) for path in sources]
         self.drake = drake
         self.label = " + ".join(path.name for path in paths)
+        # s; None: Drake's own, of a discrete plant.
         step = changes.get("timestep") or request.timestep
         if step is None:
             self.config = drake.MultibodyPlantConfig()
         else:
             self.config = drake.MultibodyPlantConfig(time_step=step)
         builder = drake.DiagramBuilder()
+        # Drake logs what of a file it leaves out.
         with _said() as self.ignored:
             self.plant, scene_graph = drake.AddMultibodyPlant(self.config, builder)
             for path in paths:
                 self._add(path, request.packages)
+            # Nothing of these can be changed once the plant is finalized.
             self._set_dissipation(scene_graph, changes.get("dissipation"))
             if request.gravity is not None:
                 self.plant.mutable_gravity_field().set_gravity_vector(request.gravity)
             self.plant.Finalize()
             self.inspector = scene_graph.model_inspector()
             self.diagram = builder.Build()
+        # Ids of the shapes that can touch, and every two of them that Drake collides.
         self._geometries = self.inspector.GetAllGeometryIds(drake.Role.kProximity)
         self.collide = {frozenset(both) for both in self.inspector.GetCollisionCandidates()}
 
@@ -360,6 +364,7 @@ def set_pose(loaded: LoadedPlant, context: Any, request: Request) -> None:
     joints = {plant.get_joint(i).name(): plant.get_joint(i) for i in plant.GetJointIndices()}
     positions = plant.GetPositions(context)
     for name, values in request.pose:
+        # Where the numbers begin in the plant's positions, and how many there are.
         if name == "qpos":
             start = 0
             count = plant.num_positions()
@@ -388,8 +393,10 @@ def approach_row(loaded: LoadedPlant, context: Any, pair: tuple[Part, Part], gap
     world = plant.world_frame()
     by_velocity = loaded.drake.JacobianWrtVariable.kV
     row = np.zeros(plant.num_velocities())
+    # The first part approaches by its motion along the normal, the second by one against it.
     for part, sign in zip(pair, (1.0, -1.0), strict=True):
         frame = part.body.body_frame()
+        # The contact point in the body's own frame, m, as Drake asks for it.
         point = plant.CalcPointsPositions(context, world, gap.point, frame)
         jacobian = plant.CalcJacobianTranslationalVelocity(
             context, by_velocity, frame, point, world, world
@@ -416,10 +423,12 @@ def bring_to_touch(loaded: LoadedPlant, context: Any, request: Request) -> Place
     overlap = max(0.0, -near.distance)
     for pair in ((first, second), (second, first)):
         moving, _ = pair
+        # Indices of the velocities that may change, and a phrase for what moves.
         for dofs, words in movers(loaded, moving.body):
             gap = _touch(loaded, context, pair, dofs)
             if gap is not None:
                 return _placed(loaded, context, pair, dofs, words, gap, overlap)
+            # That one did not lead there: the next begins from the start again.
             loaded.plant.SetPositions(context, start)
     got = f"no joint moves {first.name!r} and {second.name!r} to each other"
     raise UserError(

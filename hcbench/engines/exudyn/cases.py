@@ -35,8 +35,10 @@ class ExudynBodies:
         self.h = world["timestep"]
         self.mbs = exudyn.SystemContainer().AddSystem()
         bodies = world["bodies"]
+        # Mass points do not turn: their spins stay.
         self.spins = [body["spin"] for body in bodies]
         self.nodes = []
+        # (marker, radius m, 1/mass 1/kg) of all that can touch.
         balls = []
         for body in bodies:
             start = {"initialVelocities": body["velocity"]}

@@ -524,7 +524,7 @@ class MujocoEngine(
 
 def _one_file(source: Any) -> Any:
     """The one source that MuJoCo opens: the only one of a list, or the MjData of (MjModel, MjData);
-    what is no list or tuple, as it is. Raises UserError for several files, and for none.
+    anything but a list or tuple, unchanged. Raises UserError for several files, and for none.
     """
     if not isinstance(source, list | tuple):
         return source

@@ -96,10 +96,12 @@ def _model(
     kind = getattr(mujoco.mjtGeom, f"mjGEOM_{body.shape.upper()}")
     geoms = (plate, tossed.add_geom(name="body", type=kind, size=list(body.half_sizes)))
     given = setting.named(values)
+    # Of both geoms alike, as MuJoCo mixes theirs.
     for geom in geoms:
         if "friction" in given:
             geom.friction[0] = given["friction"]
         if setting.name == SOLREF:
+            # solref in its direct format; with one impedance its numbers hold at every depth.
             geom.solref = [-given["stiffness"], -given["damping"]]
             geom.solimp[:2] = 0.95, 0.95
     if (law := plugin_law(setting, given)) is not None:

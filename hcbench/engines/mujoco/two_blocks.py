@@ -41,6 +41,7 @@ def simulate(
     if blocks.tuned_at is not None:
         require_feature(mujoco, "adhesion")
     root = ET.fromstring(mjcf(blocks))
+    # Without tuned pairs the law acts as a plug-in, in place of MuJoCo's own contact.
     if blocks.tuned_at is None:
         load()
         pair = {"body1": "world", "body2": "ball"}
@@ -48,7 +49,9 @@ def simulate(
         ET.SubElement(ET.SubElement(root, "contact"), "exclude", pair)
     model = mujoco.MjModel.from_xml_string(as_text(root))
     data = mujoco.MjData(model)
-    data.qpos[0], data.qvel[0] = position, velocity
+    # The ball is on one slide, along x, with one motor.
+    data.qpos[0] = position
+    data.qvel[0] = velocity
     states = [(position, velocity)]
     for force in forces:
         data.ctrl[0] = force
@@ -73,6 +76,7 @@ def mjcf(blocks: TwoBlocks) -> str:
             geom.set("pos", numbers_text([blocks.plane(side), 0.0, 0.0]))
     if blocks.tuned_at is not None:
         speed = blocks.tuned_at
+        # A band of speeds, m/s, down to a twentieth, as impacts lose speed.
         target = Target(blocks.law, blocks.mass, blocks.timestep, speed / 20.0, 1.5 * speed)
         _first(root, "option").set("integrator", "Euler")
         ball = _first(_first(root, "body"), "geom")

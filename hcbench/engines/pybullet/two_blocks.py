@@ -76,9 +76,11 @@ def _simulate(
         bullet.changeDynamics(plane, -1, **options["plate"])
     bullet.resetBaseVelocity(ball, [velocity, 0, 0])
     states = [(position, velocity)]
+    # A contact that is tuned at one speed is Bullet's own; else the plug-in's law acts.
     if blocks.tuned_at is None:
         for plane in planes:
             plugin.add(blocks.law, ball, plane, client=bullet.client)
+    # Bullet forgets a force after each step.
     for force in forces:
         centre = bullet.getBasePositionAndOrientation(ball)[0]
         bullet.applyExternalForce(ball, -1, [force, 0, 0], centre, bullet.module.WORLD_FRAME)

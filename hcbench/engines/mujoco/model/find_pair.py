@@ -516,6 +516,7 @@ def _touching(model: Any) -> dict[_Geoms, list[str]]:
         data, name = start_pose(model, Request(key=key))
         backend().mj_fwdPosition(model, data)
         for contact in data.contact:
+            # MuJoCo has contacts within a margin, too; only those at 0 m or less touch.
             names = names_of.setdefault(tuple(sorted(contact.geom.tolist())), [])
             if contact.dist <= 0.0 and name not in names:
                 names.append(name)
@@ -540,6 +541,7 @@ def _described(
     first = NamedGeoms(name_a, body_a, (a,))
     second = NamedGeoms(name_b, body_b, (b,))
     near = ContactPair(model, first, second).nearest(data)
+    # The two in ascending order, by which `here` and `touching` have them.
     key = tuple(sorted((a, b)))
     normal = near.normal
     # Where the nearest points coincide there is no direction between them: take the contact's. The
@@ -555,6 +557,7 @@ def _described(
         distance = float(near.distance)
         if normal.any():
             mass = _mass_along(model, data, (body_a, body_b), near.point, normal)
+    # What a launch would move: the nearest mover of the first geom, else of the second.
     joints = moving_joints(model, body_a) + moving_joints(model, body_b)
     moved = "nothing"
     if joints:

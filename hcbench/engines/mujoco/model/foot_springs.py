@@ -360,10 +360,12 @@ def _setting(source: Any, requests: Sequence[Request], contact: FootContact) -> 
     label = label_of(source)
 
     def opened(request: Request) -> ModelUnderTest:
+        """The model with the springs under a request."""
         model, _, state = load(made.spec, request)
         return MujocoModel(model, label, state, request)
 
     def texts(_: Sequence[Promise], output: Output) -> Texts:
+        """Lines and models with the springs; no promise, as the rebound is that of a pose and gains."""
         return texts_of(source, made, (), output)
 
     return ModelSetting("feet as springs", tuple(notes), opened, texts, source=made.spec)

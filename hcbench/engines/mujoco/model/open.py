@@ -224,6 +224,7 @@ def load(source: Any, request: Request) -> tuple[Any, str, Any]:
     mujoco = backend()
     state = None
     kind = type(source).__name__
+    # The MjModel and MjData of a state in Python.
     live = live_state(source)
     if live is not None:
         source, state = live
@@ -248,6 +249,7 @@ def load(source: Any, request: Request) -> tuple[Any, str, Any]:
             "model", f"{label} has a NaN in it", "numbers", "Look for 'nan' in the file"
         )
     require_plausible_model(model, label)
+    # A state is called by its own type, such as MjData or that of an environment.
     if state is not None:
         label = kind
     return as_requested(model, request), label, state

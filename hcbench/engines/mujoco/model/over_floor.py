@@ -287,6 +287,7 @@ def hold_pose(model: Any, start: Any, root: int) -> tuple[Floats, str]:
     """
     before = start.ctrl.copy()
     drive, words = drive_of("pd", model, start, root)
+    # The controls at rest in the pose, read off the start, which then is as it was.
     drive(start)
     controls: Floats = start.ctrl.copy()
     start.ctrl[:] = before
@@ -295,8 +296,10 @@ def hold_pose(model: Any, start: Any, root: int) -> tuple[Floats, str]:
         motors = drive.motors
     for motor in motors:
         actuator = motor.actuator
-        # Its length is the gear times the angle.
+        # A servo of MuJoCo: force = kp (ctrl - length) - kd velocity, along its length, which is the
+        # gear times the angle; the torque is the gear times the force.
         gear = float(model.actuator_gear[actuator, 0]) or 1.0
+        # The largest torques of the motor, as forces of the servo.
         limit = motor.gain / gear * model.actuator_ctrlrange[actuator]
         if model.actuator_ctrllimited[actuator] and not model.actuator_forcelimited[actuator]:
             model.actuator_forcelimited[actuator] = 1

@@ -122,6 +122,7 @@ def bring_to_touch(
     # A distance to a height field is rough: it does not tell an overlap.
     if pair.height_field < 0:
         overlap = max(0.0, -float(near.distance))
+        # Robots may start a little in the floor; a loose body that is deep in it comes from above.
         near = _raised(pair, data, near)
         if near.distance < -DEEPEST * pair.size and _is_loose(pair):
             said = f"{pair.first.name!r} starts {-near.distance:.3g} m inside {pair.second.name!r}"
@@ -486,17 +487,20 @@ def _at_touch(
     if float(row @ move) < 0:
         row = -row
         normal = -normal
+    # The velocity with which the two approach at 1 m/s along the contact's own normal, (nv,).
     direction = swing(model, data, row, joint.dofs) if joint.turns else _slide(row, joint)
     mass = effective_mass(model, data, row)
     if direction is None or not np.isfinite(mass):
         got = f"{pair.first.name!r} cannot move along the contact normal"
         raise UserError("pair", got, "a joint that lets it")
     _require_room(pair, data)
+    # Motion by a unit push at the contact, (nv,).
     by_push = response(model, data, row)
     tethered = tether_error(model, data, by_push, (pair.first.name, pair.second.name))
     if tethered is not None:
         raise tethered
     gravity = _acceleration_in_flight(model, data, row)
+    # MuJoCo's distance to a height field is not reliable.
     gap = np.inf
     if pair.height_field < 0:
         gap = float(pair.nearest(data).distance)

@@ -315,11 +315,13 @@ class RowSearch:
         """
         if len(tried) == 0:
             return np.empty((0, len(states), steps))
+        # Each member's model once for each of its launches: all are stepped in one call.
         models = [self._models[member] for member in tried for _ in states]
         controls = None
         if control.size:
             controls = np.tile(control, (len(models), steps, 1))
         rollout = backend().rollout.rollout
+        # Sensors after each step, (m n, steps, sensors); the states are not looked at.
         _, sensors = rollout(
             models, [self._data], np.tile(states, (len(tried), 1)), controls, nstep=steps
         )

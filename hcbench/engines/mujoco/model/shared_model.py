@@ -71,7 +71,7 @@ class LentModel(ModelUnderTest):
         at_touch = copy.copy(own.start)
         at_touch.qpos[:] = own.place.qpos
         middles = with_kinematics(at_touch, own.model).geom_xpos[list(own.place.pair.geoms)]
-        # Largest coordinate, m.
+        # Largest coordinate, m, by which the engine's numbers round the motion.
         self._reach = float(np.abs([*middles, own.place.contact.point]).max())
         require_motion_at(self._reach, self.timestep, max(own.request.speeds), self._copies.bits)
 

@@ -193,6 +193,7 @@ class MujocoFlight:
         rows: list[_Step] = []
         while len(rows) < steps:
             row = self._step()
+            # One step behind: the step after tells whether a stage of RK4 hid a contact.
             if self._staged:
                 last = self._last
                 self._last = row

@@ -308,6 +308,7 @@ def _row_setter(
     pairs: of every kind. rows_of: their rows by kind.
     like: the kind whose <pair>s the function writes.
     """
+    # Every two geoms of the pairs of this kind.
     geoms_alike: list[tuple[int, int]] = []
     for pair in pairs:
         if pair.like == like:
@@ -324,6 +325,7 @@ def _row_setter(
             model.opt.cone = plain.opt.cone
             model.opt.impratio = plain.opt.impratio
         for geoms in geoms_alike:
+            # A <pair> for each row, in their order.
             for number, row in zip(explicit_pairs(model, geoms), rows, strict=True):
                 model.pair_solref[number] = row.solref
                 model.pair_solimp[number] = row.solimp
@@ -377,13 +379,16 @@ def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> PairToTun
     for each in requests:
         asked = as_requested(model.__copy__(), each)
         opened.append(MujocoModel(asked, label, None, each))
+    # All but the attitude is the same in each.
     request = requests[0]
     place = opened[0].place
     geoms = place.contact.geoms
     contact = contact_in_force(model, *geoms)
+    # condim 1 has no friction; else the first number is the sliding μ.
     slides = int(contact["condim"]) > 1 and contact["friction"][0] > 0
     timestep = float(request.timestep or model.opt.timestep)
     load_at_touch = Load.at_touch(place, timestep, integrator_name(model) == "RK4", slides)
+    # Type and sizes, m, of the two that touch.
     shapes = []
     for geom in geoms:
         size = model.geom_size[geom].round(6).tolist()
@@ -443,10 +448,12 @@ def _setting(
             "The lines need MuJoCo 3.11 or later; --for mujoco@3.5 asks for lines without adhesion."
         )
     compiled = made.spec.compile()
+    # Time step, integrator, cone and impratio under which all is tuned: the promise names them.
     first_pair, _ = pairs[0]
     option = option_in_force(as_requested(compiled.__copy__(), first_pair.requests[0]))
 
     def opened(request: Request) -> MujocoModel:
+        """The model with the rows under a request, with its pair at touch."""
         return MujocoModel(as_requested(compiled.__copy__(), request), label, None, request)
 
     def texts(promises: Sequence[Promise], output: Output) -> Texts:

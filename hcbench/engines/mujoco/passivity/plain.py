@@ -378,6 +378,7 @@ def creep(contact: Contact, model: Any, body: _ThrownBody) -> float:
     )
     steps = min(round(_CREEP_S / contact.timestep), 2 * _STEPS)
     last = steps // 4
+    # Until then it settles. Down the slope is along x, the first number of qpos.
     backend().mj_step(model, data, nstep=steps - last)
     start = float(data.qpos[0])
     backend().mj_step(model, data, nstep=last)
@@ -428,18 +429,20 @@ def drops(
     model = contact.with_ball(options)
     data = mujoco.MjData(model)
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    # MuJoCo's full states of all balls, (balls, nstate): first those of the drops' start.
     states = np.empty((len(heights), mujoco.mj_stateSize(model, kind)))
     for state, height in zip(states, heights, strict=True):
         mujoco.mj_resetData(model, data)
         data.qpos[_Z] += height
         mujoco.mj_getState(model, data, state, kind)
+    # How often a ball of each height may bounce.
     allowed = allowed_rebounds(train, heights, contact.gravity)
     reader = DropReader(contact.timestep, contact.gravity, allowed, speed_reading(model))
     for _ in range(math.ceil(LASTS / _CHUNK_S)):
         path, _ = mujoco.rollout.rollout(
             model, [data], states, nstep=math.ceil(_CHUNK_S / contact.timestep)
         )
-        # A state has the time before qpos and qvel.
+        # A state has the time before qpos and qvel. Of each ball after each step, (balls, n):
         height = path[:, :, 1 + _Z]
         rising = path[:, :, 1 + model.nq + _Z]
         reader.add(contact.radius - height, -rising)

@@ -218,7 +218,7 @@ def knots_of(band: Band, dampers: Sequence[Damper], misfit: float) -> Floats:
     x = np.sqrt(edges[1:] * edges[:-1])
 
     def curve(at: Floats) -> Floats:
-        """What the springs have to give at penetrations, m, in m/s², same shape: f (1 + Σ w)."""
+        """Acceleration that the springs have to give at penetrations, m: f (1 + Σ w), m/s², same shape."""
         return np.asarray(band.elastic(at) * (1.0 + sum(d.weight(at) for d in dampers)))
 
     # The second derivative, by central differences.
@@ -245,7 +245,7 @@ class _Fit:
 
 @dataclass(frozen=True)
 class _Shares:
-    """What each row adds to the acceleration apart at n penetrations, for a strength of 1.
+    """Parts of the acceleration apart that each row adds at n penetrations, for a strength of 1.
 
     springs: acceleration of each, m/s², with S = 1/s², (n, springs). dampings: acceleration over
     rate of each damper, 1/s, with D = 1/s, (n, dampers). offset: acceleration that the springs give
@@ -405,6 +405,7 @@ def staggered_rows(
         raise SettingError("impedance", f"{impedance!r}", f"{10 * MIN_IMPEDANCE:g} ... 0.5")
     law = resolvable_law(target)
     band = band_of(target, law, integrator)
+    # Of e at each speed to the force at each penetration; no rows for a law without loss.
     sensitivity = np.zeros((0, _GRID + 1))
     if law.dissipation > 0.0:
         x = band.grid()

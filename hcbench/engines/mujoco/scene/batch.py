@@ -404,6 +404,7 @@ def compile_batch(loaded: SceneModel, size: int, sliding: bool) -> BatchedModel:
     _disable_mutual_collisions(spec)
     model = spec.compile()
     model.opt.disableflags = one.opt.disableflags
+    # A sparse one adds up in another order from ten balls on: other bits.
     model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     if sliding:
         copy_inverse_weights(mujoco, model, one)

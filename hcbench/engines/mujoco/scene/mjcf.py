@@ -258,8 +258,10 @@ def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:
     option.attrib.update(options.attributes())
     ball = named(root, "body", "ball", path)
     set_mass(ball, scene.mass, path)
+    # The setting's rows take the place of the model's own contact.
     if options.rows and scene.form == "plane":
         geom = named(ball, "geom", "ball", path)
+        # For its error where the model has no plate.
         named(root, "geom", "plate", path)
         remove_pairs(root)
         for pair in add_pairs(root, geom, ["plate"], options.all_rows):
@@ -289,6 +291,7 @@ def _write_friction(root: ET.Element, scene: Scene, path: Path, in_rows: bool) -
         )
     sliding = numbers_text([scene.friction])
     ball = named(root, "body", "ball", path)
+    # MuJoCo would compute the inertia of the geom, which on a plane has the relative radius.
     for inertial in ball.findall("inertial"):
         ball.remove(inertial)
     mass = numbers_text([scene.mass])
@@ -457,6 +460,7 @@ def _write_limits(
     """
     original = named(root, "spatial", "contact", path)
     holder = next(section for section in root.findall("tendon") if original in list(section))
+    # |R2| - R1, m, the length of the tendon at touch: a cup's radius is below 0.
     clearance = -scene.plate_radius - scene.ball_radius
     for i, row in enumerate(rows):
         if row.adhesion:

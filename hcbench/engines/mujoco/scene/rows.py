@@ -294,6 +294,8 @@ def acceleration(
     x, v: penetrations, m, and their rates, m/s, of the same shape.
     gravity: that presses together, m/s².
     """
+    # Of each row, (rows, shape of x): a_ref = S d/dw² r + D/dw v, and its weight d/(1 - d), 0 above
+    # its onset. In place, as fits spend their time here.
     reference, weights = np.empty((2, len(rows), *np.shape(x)))
     for i, row in enumerate(rows):
         depth = x - row.onset

@@ -66,6 +66,7 @@ def load(scene: Scene, timestep: float, options: Options) -> SceneModel:
     mujoco = backend()
     root = scene_tree(scene, timestep, options)
     _require_features(mujoco, options)
+    # Under RK4 the change of momentum is a mean of four stages: the force is read off a sensor.
     is_sensed = any(option.get("integrator") == "RK4" for option in root.iterfind("option"))
     if is_sensed:
         add_acceleration_sensor(root)
@@ -84,6 +85,10 @@ def load(scene: Scene, timestep: float, options: Options) -> SceneModel:
     # A state is the time, then positions, then velocities.
     position = 1 + int(model.jnt_qposadr[joint])
     velocity = 1 + int(model.nq) + int(model.jnt_dofadr[joint])
+    clearance = None
+    if scene.form == "cup":
+        # |R2| - R1: a cup's radius is below 0.
+        clearance = -scene.plate_radius - scene.ball_radius
     return SceneModel(
         mujoco=mujoco,
         model=model,
@@ -92,7 +97,7 @@ def load(scene: Scene, timestep: float, options: Options) -> SceneModel:
         timestep=timestep,
         origin=origin,
         at=(position, velocity),
-        clearance=-scene.plate_radius - scene.ball_radius if scene.form == "cup" else None,
+        clearance=clearance,
         sensed=is_sensed,
         plugged=options.law is not None,
     )
@@ -139,12 +144,15 @@ def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
     data = mujoco.MjData(model)
     if model.opt.enableflags & getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", 0):
         raise SceneError(path, "lets bodies fall asleep", 'no <flag sleep="enable"/>')
+    # Clear of the plate, thrown down and pushed up: damping, air and armature would show. The third
+    # numbers of a free joint are vertical.
     data.qpos[model.jnt_qposadr[joint] + 2] += _CLEAR * scene.ball_radius
     dof = int(model.jnt_dofadr[joint])
     data.qvel[dof + 2] = -_THROWN
-    pushed = scene.mass * _PUSHED
+    pushed = scene.mass * _PUSHED  # N
     data.xfrc_applied[body, 2] = pushed
     mujoco.mj_forward(model, data)
+    # Accelerations of x y z, m/s², and of the spin, rad/s².
     expected = np.array([0.0, 0.0, _PUSHED - scene.gravity, 0.0, 0.0, 0.0])
     error = np.abs(data.qacc[dof : dof + 6] - expected).max()
     if not error <= _FREELY * (_PUSHED + scene.gravity):

@@ -167,7 +167,8 @@ class PybulletWorld(World):
         self.gravity = scene.normal_gravity
         self.mass = scene.mass
         self.deepest = scene.touch_radius
-        # How often Bullet's solver sweeps over several links depends on all that are in contact.
+        # Launches that share a world. How often Bullet's solver sweeps over several links depends on
+        # all that are in contact.
         self.places = 1 if options.links else _BALLS_IN_WORLD
         self.reports_force = options.ball.get("linearDamping") != 0.0
         self.bullet = client()
@@ -377,6 +378,7 @@ class PybulletSimulation(Simulation):
         recorder = self._world.recorder
         balls = [self._world.balls[i] for i in self._which]
         if recorder is not None:
+            # Position, velocity and spin, (steps, balls, 3, 3).
             seen = recorder.record(balls, steps)
             return [], seen[:, :, 0], seen[:, :, 1:]
         place = bullet.getBasePositionAndOrientation

@@ -196,6 +196,7 @@ def solimp(context: Context) -> Iterator[Suspect]:
         return
     at_touch = context.written.impedance(0.0)
     at_depth = context.written.impedance(math.inf)
+    # In the direct format solref's numbers hold at the full impedance.
     if context.used.solref[0] <= 0 and at_touch < at_depth:
         yield Suspect(
             "impedance",
@@ -296,7 +297,7 @@ def pyramidal_cone(
     if int(model.opt.cone) != int(backend().mjtCone.mjCONE_PYRAMIDAL) or not friction:
         return None
     weakest = None
-    least = math.inf
+    least = math.inf  # impulse of friction over that of the normal
     for impact in impacts:
         along = impact.tangential
         if along is None or not impact.is_measured or not _slides_on(along):

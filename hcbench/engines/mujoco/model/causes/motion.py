@@ -223,6 +223,7 @@ def _reached(context: Context) -> tuple[list[int], list[int]]:
     deepest = _DEEPER * max(depths, default=0.0)
     data = mujoco.MjData(model)
     data.qpos[:] = place.qpos
+    # The direction approaches at 1 m/s, so its time is the depth, m.
     mujoco.mj_integratePos(model, data.qpos, place.direction, deepest)
     mujoco.mj_forward(model, data)
     kinds = mujoco.mjtConstraint
