@@ -456,6 +456,7 @@ def landing_sentences(change: LandingChange) -> list[str]:
 
     before = change.before
     sentences = [f"The worst of {len(DROPS)} drops: {_DROPS}."]
+    # `settled` counts the drops that are long enough to show how the robot rests.
     if before.falls:
         sentences = [
             "The robot falls over or rolls down by itself: hcbench compares the first second only."
@@ -482,6 +483,7 @@ def landing_sentences(change: LandingChange) -> list[str]:
             "contacts that were tried."
         )
         if not math.isnan(before.frequency):
+            # A spring sags by g/ω² under the weight that it bears; mm.
             sag = 1e3 * math.hypot(*before.robot.gravity) / before.frequency**2
             sentences.append(
                 f"The robot sags {sag:.2g} mm on its legs, a frequency of {before.frequency:.3g} "

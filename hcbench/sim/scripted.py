@@ -164,7 +164,9 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
 
 
 def law_lines(law: PythonLaw | None) -> str:
-    """Return the law as a function in Python; "" without a law."""
+    """The source in Python of a law's function: `law(x, v)`, a force in N, of one of forces, and
+    `e(v)` of one of restitution; "" without a law.
+    """
     if law is None:
         return ""
     if isinstance(law, HuntCrossley):
@@ -178,9 +180,12 @@ class ScriptWorld(World):
     def __init__(
         self, engine: ScriptedEngine[Any], scene: Scene, setting: Setting, script: str
     ) -> None:
-        """Run the script, which defines the world's functions in names of its own.
+        """Run the script, which defines the world's functions in names of its own: `place` and
+        `step`, and those of `law` and `force` that it has.
 
-        Raises EngineMissing where the engine's package does not import, and what the script raises.
+        engine: of the script. scene: of ball and plane. setting: gives the time step, s. script:
+        source in Python. Raises EngineMissing where the engine's package does not import, and what
+        the script raises.
         """
         assert engine.backend is not None
         self.timestep = setting.timestep
@@ -226,9 +231,14 @@ class BallSimulation(Simulation):
         # Height of the centre, m, and velocity upwards, m/s.
         states = [self.state]
         # Force in each step, N; None where the script gives none.
-        reported = []
+        reported: list[float | None] = []
         for _ in range(steps):
             z, v = states[-1]
+            # An engine that gave up takes no further step.
+            if math.isnan(z):
+                reported.append(None)
+                states.append((math.nan, math.nan))
+                continue
             at_start = None
             if law and z < world.radius:
                 at_start = law(world.radius - z, -v)

@@ -515,14 +515,17 @@ def collide(found: Found, friction: wp.array[_Five], room: Room, qvel: wp.array2
     """Let the contacts of each world collide, all at once: no contact parts slower than its target,
     those that part faster have no impulse, and friction stays within Coulomb's.
 
-    friction: coefficients of each contact, the first two along its tangents. Impulses never add
-    energy. Velocities after them are written to `qvel`.
+    found: dimension of each contact, 1 without friction. friction: coefficients of each contact,
+    the first two along its tangents. room: contacts of a world, linked from `first` by `following`
+    until -1, with their rates and targets, m/s. Impulses, N s, never add energy. Velocities after
+    them are written to `qvel`, shape (worlds, velocities).
 
     A block of threads, of one on a CPU, has a world. Its lanes share out the velocities, and find
     the same impulses.
     """
     world, lane = wp.tid()
     first = room.first[world]
+    # No contact of this world has collided.
     if first < 0:
         return
     velocities = room.change.shape[1]

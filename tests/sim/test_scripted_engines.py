@@ -204,6 +204,25 @@ def test_an_engine_that_gives_up_is_a_record_with_its_reason(
     assert "the step is too small" in impact.reason
 
 
+@pytest.mark.needs_engine("rapier")
+def test_an_engine_that_gave_up_takes_no_further_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    engine: Any = registry.engine("rapier")
+    broken = _FAILS_ONCE.format(lines=engine.lines(engine.table(), PLANE))
+    monkeypatch.setattr(type(engine), "lines", lambda *_: broken)
+    world = engine.load(PLANE, setting_for("rapier.stock", "steel-plane"), 0.4)
+    with contextlib.closing(world.release([Launch(0.4)])) as simulation:
+        record = simulation.advance(4)
+    assert np.isnan(record.rate[0]).tolist() == [False, True, True, True]
+
+
+_FAILS_ONCE = """{lines}
+steps = iter([False, True, True])
+
+def step():
+    if next(steps):
+        return 1.0, 1.0
+    raise RuntimeError("the step is too small")
+"""
 _RESTING = """{lines}
 def step():
     raise RuntimeError("the step is too small")
