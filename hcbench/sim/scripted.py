@@ -34,7 +34,7 @@ from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.world import Record, Simulation, World, momentum_force
 from hcbench.system.errors import CannotRun, EngineMissing, SettingError
-from hcbench.system.text import sanitized, shortest
+from hcbench.system.text import rounded_up, sanitized, shortest
 from hcbench.terms.fields import OptionTable, validate
 from hcbench.terms.setting import PAIR
 
@@ -338,7 +338,7 @@ def require_motion_at(coordinate: float, timestep: float, fastest: float, bits: 
         expected = f"{_FEWEST * place:.1g} m or more, as positions have steps of {place:.1g} m"
         advice = "Launch at a speed above 0 m/s"
         if fastest > 0.0:
-            advice = f"Use {_FEWEST * place / fastest:.1g} s or more"
+            advice = f"Use {rounded_up(_FEWEST * place / fastest)} s or more"
         raise SettingError("timestep", got, expected, advice)
 
 

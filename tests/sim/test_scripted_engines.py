@@ -34,6 +34,14 @@ def test_a_ball_at_rest_is_refused_without_a_step_that_would_help() -> None:
         require_motion_at(0.05, 1e-3, 0.0, 32)
 
 
+@pytest.mark.parametrize("fastest", [0.11, 0.2, 0.33, 0.7])
+def test_a_step_that_is_advised_is_taken(fastest: float) -> None:
+    with pytest.raises(SettingError) as caught:
+        require_motion_at(0.05, 1e-9, fastest, 32)
+    _, advised, *_ = caught.value.advice.split()
+    require_motion_at(0.05, float(advised), fastest, 32)
+
+
 SCRIPTED = [name for name in registry.names() if isinstance(registry.engine(name), ScriptedEngine)]
 RECIPES = [f"{name}.{recipe}" for name in SCRIPTED for recipe in registry.recipes(name)]
 
