@@ -599,7 +599,7 @@ def settle(
         found.dist[i] = found.margin[i] + 1.0
         return
     # MJCF's solref is (-stiffness, -damping) per unit mass, 1/s² and 1/s, or, where it is above 0,
-    # (time constant s, damping ratio); MuJoCo takes two steps at least for the time constant.
+    # (time constant s, damping ratio); the engine takes two steps at least for the time constant.
     solref = room.solref[i]
     stiffness = -solref[0]
     damping = -solref[1]
@@ -612,7 +612,7 @@ def settle(
     # in one step.
     stiffness = wp.min(stiffness, 0.25 / (timestep * timestep))
     damping = wp.clamp(damping, 2.0 * wp.sqrt(stiffness), 1.0 / timestep)
-    # An impedance d gives way to (1 - d)/d of the load; 1e-4 is the least d that MuJoCo takes.
+    # An impedance d gives way to (1 - d)/d of the load; 1e-4 is the least d that the engine takes.
     lets_by = 1.0 / wp.max(solimp[i][0], 1e-4) - 1.0
     load = room.load[i]
     most = wp.max(_RISE * _STILL * timestep * damping, _BEARS * lets_by) * load
