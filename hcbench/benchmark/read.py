@@ -375,6 +375,7 @@ class _StoredRows:
             yield _rounded(frame_of(pieces))
 
     def _decoded(self, shard: tuple[int, str]) -> tuple[dict[str, Any], dict[Key, slice]]:
+        """Columns of a shard, by name, and the rows of each key in them; shard: number and name."""
         content, _ = self.store.tables(*shard)
         return columns_in(content), places_of(content)
 

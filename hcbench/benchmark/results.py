@@ -274,8 +274,9 @@ class Folder:
         )
 
     def _one_for_neighbours(self, curve: Curve) -> NDArray[np.int64]:
-        """Indices of the points that are shown: of each place, the one with the largest error in
-        one phase. A place is one speed, or in a study of very many speeds several neighbours.
+        """Indices of the points that are shown, shape (places,): of each place, the one with the
+        largest error in one phase. A place is one speed, or in a study of very many speeds several
+        neighbours.
         """
         place = self.place(curve.speed)
         worst_first = np.lexsort((-np.abs(curve.worst_phase), place))

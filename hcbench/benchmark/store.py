@@ -628,9 +628,12 @@ def _other_study(there: Mapping[str, Any], here: Mapping[str, Any]) -> str | Non
             if before != now:
                 differences.append(f"{name} {before} instead of {now}")
         return ", ".join(differences)
-    for name, value in here["study"].items():
-        if there["study"].get(name) != value:
-            return f"{name} {there['study'].get(name)!r:.60} instead of {value!r:.60}"
+    # Some fields are left out where they are empty: either study may have one that the other lacks.
+    for name in here["study"] | there["study"]:
+        before = there["study"].get(name)
+        now = here["study"].get(name)
+        if before != now:
+            return f"{name} {before!r:.60} instead of {now!r:.60}"
     if there["files"] != here["files"]:
         return "the scene's files differ"
     if there["settings"] != here["settings"]:

@@ -455,7 +455,9 @@ def _run(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Pat
 
 
 def _stated(table: SentTable) -> dict[str, Any]:
-    """Gravity and friction of the scene, as the study file states them."""
+    """Gravity (m/s²) and friction of the scene, by these names, as far as the study's file states
+    them; empty where it states neither.
+    """
     stated = {"gravity": table.gravity, "friction": table.friction}
     return {name: value for name, value in stated.items() if value is not None}
 

@@ -88,12 +88,12 @@ def _list(recipes: bool, as_json: bool) -> None:
     with status("asking the engines for their versions"):
         for name in registry.names():
             settings = _settings(name) if recipes or as_json else {}
-            own = [_record(name, {**_beside(name), "settings": settings})]
-            own += [_record(e.name, _elsewhere(e)) for e in environments.installed(name)]
-            if len(own) > 1 and not own[0]["version"]:
+            beside = _record(name, {**_beside(name), "settings": settings})
+            elsewhere = [_record(e.name, _elsewhere(e)) for e in environments.installed(name)]
+            if elsewhere and not beside["version"]:
                 # Another environment has a version: nothing needs to be installed.
-                own[0]["install"] = ""
-            listed += own
+                beside["install"] = ""
+            listed += [beside, *elsewhere]
     if as_json:
         print_json(listed)
         return

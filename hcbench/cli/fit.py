@@ -164,6 +164,7 @@ def fit(
 
     _require_together(files, kind, engine, timestep, write_scene)
     setup = read_setup(**options)
+    # A file of forces is fitted and printed here, and takes none of the options of bounces.
     if len(files) == 1 and _fit_force(
         files[0],
         kind,

@@ -281,7 +281,9 @@ class Group(click.Group):
 
 
 def _common_records(ctx: click.Context, group: Group) -> list[tuple[str, str]]:
-    """Rows of a help on the options that many commands have."""
+    """Rows of a help, (flags, words) each, on the options that many commands have; those that no
+    command of the group has are left out.
+    """
     records: dict[str, tuple[str, str]] = {}
     for command in group.commands.values():
         for option in command.params:

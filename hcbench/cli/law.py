@@ -109,7 +109,7 @@ def law(
     values = []
     for row in rows:
         texts = []
-        # The last field, warnings, is no column.
+        # The last field, the warnings, has no place in the table.
         for number in dataclasses.astuple(row)[: len(header)]:
             if number is None:
                 texts.append("-")

@@ -463,6 +463,7 @@ def landing_sentences(change: LandingChange) -> list[str]:
     if before.flat == before.drops:
         tilted = "flat alone, as the base cannot turn"
     sentences = [f"The drops are {_DROPS}, {tilted}."]
+    # `settled` counts the drops that are long enough to show how the robot rests.
     if before.falls:
         sentences = [
             "The robot falls over or rolls down by itself: hcbench compares the first second only."
@@ -489,6 +490,7 @@ def landing_sentences(change: LandingChange) -> list[str]:
             "contacts that were tried."
         )
         if not math.isnan(before.frequency):
+            # A spring sags by g/ω² under the weight that it bears; mm.
             sag = 1e3 * math.hypot(*before.robot.gravity) / before.frequency**2
             sentences.append(
                 f"The robot sags {sag:.2g} mm on its legs, a frequency of {before.frequency:.3g} "

@@ -16,6 +16,7 @@ from hcbench.laws.force import HuntCrossley
 from hcbench.laws.published import TouchSpeedLaw, law_named
 from hcbench.laws.restitution import ConstantRestitution, Restitution
 from hcbench.system.errors import SettingError
+from hcbench.system.text import rounded_down
 from hcbench.terms.arguments import checked_fields
 from hcbench.terms.bounds import require as require_that
 from hcbench.terms.fields import read_numbers
@@ -172,6 +173,6 @@ def require_resolved(law: Law, mass: float, speed: float, timestep: float) -> No
         raise SettingError(
             f"timestep {timestep:g} s",
             f"too coarse for the force law: ball and plate touch for {lasts:.2g} s at {speed:g} m/s",
-            f"a step of {lasts / 20:.1g} s (at most {lasts / STEPS_OF_A_LAW:.1g} s)",
+            f"a step of {lasts / 20:.1g} s (at most {rounded_down(lasts / STEPS_OF_A_LAW)} s)",
             f"For coarser steps take {coarse(law)} instead",
         )

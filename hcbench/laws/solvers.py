@@ -116,6 +116,7 @@ def minimum(
     Of several minima it finds one; at an end, x stays a little inside. After _MOST_VALUES the best
     point is returned. Raises what `function` raises.
     """
+    # The best three points until now, x first, and their values.
     x = second = third = low + _GOLDEN * (high - low)
     f = f_second = f_third = function(x)
     step = 0.0

@@ -64,8 +64,10 @@ def data(name: str, *, quick: bool = False) -> pd.DataFrame:
 
     Parameters
     ----------
-    name, quick : optional
-        As `figure` takes them.
+    name : text
+        Such as "figure-4"; `names` lists them.
+    quick : bool
+        Fewer parameters in the figures of forced motion, which take minutes.
 
     Returns
     -------

@@ -231,7 +231,8 @@ class Tosses:
     def as_simulated(self, simulated: Sequence[Floats], timestep: float = TIMESTEP) -> "Tosses":
         """The motions with poses of states, at the same times.
 
-        simulated: of each motion, states at the start and after each step. timestep: s.
+        simulated: of each motion, states at the start and after each step, shape (steps + 1,
+        components), as `at_times` reads them. timestep: s.
         """
         motions = []
         for toss, states in zip(self.motions, simulated, strict=True):
@@ -257,7 +258,7 @@ class Tosses:
     def judged(self, simulated: Sequence[Floats], timestep: float = TIMESTEP) -> SettingErrors:
         """Errors of simulated states, each from its measured start.
 
-        simulated: states of each toss, a row for each step.
+        simulated: states of each toss, shape (steps + 1, components), as `at_times` reads them.
         timestep: s.
 
         Distances are in per cent of the body's width, angles in rad. A score adds the

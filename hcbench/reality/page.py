@@ -75,7 +75,10 @@ _NEAR = 1.5
 
 
 def page_text(results: RealityResults, folder: Path | None = None) -> str:
-    """The page of the study as HTML text; parts without results are left out. folder: its own."""
+    """The page of the study as HTML text; parts without results are left out.
+
+    folder: in which the page will lie, for the links of its header; None: it may go anywhere.
+    """
     scores: dict[str, list[SettingScore]] = {}
     drawn = {}
     for name in results.request.sets:
@@ -157,13 +160,14 @@ def verdicts(results: RealityResults) -> Iterator[str]:
     results support.
     """
     scores = results.scores
-    for slow in _of(scores, "cube", FRICTION, "pyramidal"):
-        for other in _of(scores, "cube", FRICTION, "elliptic"):
-            if slow.engine == other.engine and slow.error_low > other.error_high:
+    for pyramid in _of(scores, "cube", FRICTION, "pyramidal"):
+        for cone in _of(scores, "cube", FRICTION, "elliptic"):
+            if pyramid.engine == cone.engine and pyramid.error_low > cone.error_high:
+                engine = name_of(pyramid).partition(",")[0]
                 yield (
-                    f"The pyramidal cone costs {name_of(slow).partition(',')[0]} a factor"
-                    f" {slow.error / other.error:.1f} on the cube, with the friction of each identified:"
-                    f" {_with_interval(slow)} against {_with_interval(other)}."
+                    f"The pyramidal cone costs {engine} a factor"
+                    f" {pyramid.error / cone.error:.1f} on the cube, with the friction of each identified:"
+                    f" {_with_interval(pyramid)} against {_with_interval(cone)}."
                 )
     near = _comparable(scores)
     # All intervals overlap where the highest low end is below the lowest high end.

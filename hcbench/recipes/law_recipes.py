@@ -13,6 +13,7 @@ from hcbench.laws.published import LAWS, PublishedLaw, TouchSpeedLaw
 from hcbench.recipes.recipe import Recipe, Role, first
 from hcbench.recipes.target import minimax_constant
 from hcbench.system.errors import SettingError
+from hcbench.system.text import rounded_down
 from hcbench.terms.resolution import STEPS_OF_A_LAW
 
 if TYPE_CHECKING:
@@ -227,6 +228,6 @@ def _require_resolved(target: Target, law: HuntCrossley, advice: str) -> None:
         raise SettingError(
             "timestep",
             f"{target.timestep:g} s, {steps:.2g} of which are the law's shortest contact",
-            f"{target.timestep * steps / STEPS_OF_A_LAW:.2g} s or less",
+            f"{rounded_down(target.timestep * steps / STEPS_OF_A_LAW)} s or less",
             advice,
         )

@@ -16,6 +16,7 @@ from hcbench.laws.kelvin_voigt import Ending, damping_ratio_for
 from hcbench.laws.restitution import MeasuredRestitution, Restitution, RestitutionCurve
 from hcbench.laws.solvers import root
 from hcbench.system.errors import SettingError
+from hcbench.system.text import rounded_up
 from hcbench.terms.arguments import checked_fields
 from hcbench.terms.impact import Floats
 from hcbench.terms.resolution import (
@@ -333,7 +334,7 @@ def require_end(target: Target) -> None:
         got = f"{target.timestep:g} s, of which {steps:.2g} are the law's shortest contact"
         nearest = target.timestep * steps / STEPS_MOST
         raise SettingError(
-            "timestep", got, f"up to {STEPS_MOST:g} steps", f"Use {nearest:.2g} s or more"
+            "timestep", got, f"up to {STEPS_MOST:g} steps", f"Use {rounded_up(nearest)} s or more"
         )
 
 

@@ -171,8 +171,8 @@ def write_report(
 
 
 def find_plan(name: str, warn: Callable[[str], None], device: str = "") -> tuple[str, Study]:
-    """The name of a study, and the study. A built-in one leaves out engines that are not installed,
-    any one plug-ins that cannot be compiled, with a line to `warn`.
+    """The name of a study, and the study. A built-in one is without the engines that are not
+    installed, and every one without the plug-ins that cannot be compiled, with a line to `warn`.
 
     name: of a file, a folder or a built-in study. device: that the engines compute on; "" for any.
     Raises StudyError for a name that no study has, a file that is not a study, and where no engine of a

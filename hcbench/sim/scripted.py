@@ -34,7 +34,7 @@ from hcbench.sim.engine import SteppedEngine
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.world import Record, Simulation, World, momentum_force
 from hcbench.system.errors import CannotRun, EngineMissing, SettingError
-from hcbench.system.text import sanitized, shortest
+from hcbench.system.text import rounded_up, sanitized, shortest
 from hcbench.terms.fields import OptionTable, validate
 from hcbench.terms.setting import PAIR
 
@@ -164,7 +164,9 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
 
 
 def law_lines(law: PythonLaw | None) -> str:
-    """Return the law as a function in Python; "" without a law."""
+    """The source in Python of a law's function: `law(x, v)`, a force in N, of one of forces, and
+    `e(v)` of one of restitution; "" without a law.
+    """
     if law is None:
         return ""
     if isinstance(law, HuntCrossley):
@@ -178,9 +180,12 @@ class ScriptWorld(World):
     def __init__(
         self, engine: ScriptedEngine[Any], scene: Scene, setting: Setting, script: str
     ) -> None:
-        """Run the script, which defines the world's functions in names of its own.
+        """Run the script, which defines the world's functions in names of its own: `place` and
+        `step`, and those of `law` and `force` that it has.
 
-        Raises EngineMissing where the engine's package does not import, and what the script raises.
+        engine: of the script. scene: of ball and plane. setting: gives the time step, s. script:
+        source in Python. Raises EngineMissing where the engine's package does not import, and what
+        the script raises.
         """
         assert engine.backend is not None
         self.timestep = setting.timestep
@@ -226,9 +231,14 @@ class BallSimulation(Simulation):
         # Height of the centre, m, and velocity upwards, m/s.
         states = [self.state]
         # Force in each step, N; None where the script gives none.
-        reported = []
+        reported: list[float | None] = []
         for _ in range(steps):
             z, v = states[-1]
+            # An engine that gave up takes no further step.
+            if math.isnan(z):
+                reported.append(None)
+                states.append((math.nan, math.nan))
+                continue
             at_start = None
             if law and z < world.radius:
                 at_start = law(world.radius - z, -v)
@@ -328,7 +338,7 @@ def require_motion_at(coordinate: float, timestep: float, fastest: float, bits: 
         expected = f"{_FEWEST * place:.1g} m or more, as positions have steps of {place:.1g} m"
         advice = "Launch at a speed above 0 m/s"
         if fastest > 0.0:
-            advice = f"Use {_FEWEST * place / fastest:.1g} s or more"
+            advice = f"Use {rounded_up(_FEWEST * place / fastest)} s or more"
         raise SettingError("timestep", got, expected, advice)
 
 

@@ -87,7 +87,11 @@ class Copies(ABC):
         """
 
     def read_on(self, rule: Rule, reading: Reading, fewest: int, most: int) -> Reading:
-        """Step balls on and read each step, until at most `fewest` go on or `most` steps are taken."""
+        """Step balls on and read each step, until at most `fewest` go on or `most` steps are taken.
+
+        rule: when each ball's impact ends, from `rule_for`. reading: what was read of each until
+        now, from `begun` or from here; returned as it is then, arrays of shape (b,).
+        """
         add = reader(np)
         while np.count_nonzero(reading.end == 0) > fewest and reading.steps.max() < most:
             for state in self.step(_LOOK):

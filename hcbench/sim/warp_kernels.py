@@ -515,14 +515,17 @@ def collide(found: Found, friction: wp.array[_Five], room: Room, qvel: wp.array2
     """Let the contacts of each world collide, all at once: no contact parts slower than its target,
     those that part faster have no impulse, and friction stays within Coulomb's.
 
-    friction: coefficients of each contact, the first two along its tangents. Impulses never add
-    energy. Velocities after them are written to `qvel`.
+    found: dimension of each contact, 1 without friction. friction: coefficients of each contact,
+    the first two along its tangents. room: contacts of a world, linked from `first` by `following`
+    until -1, with their rates and targets, m/s. Impulses, N s, never add energy. Velocities after
+    them are written to `qvel`, shape (worlds, velocities).
 
     A block of threads, of one on a CPU, has a world. Its lanes share out the velocities, and find
     the same impulses.
     """
     world, lane = wp.tid()
     first = room.first[world]
+    # No contact of this world has collided.
     if first < 0:
         return
     velocities = room.change.shape[1]
@@ -596,7 +599,7 @@ def settle(
         found.dist[i] = found.margin[i] + 1.0
         return
     # MJCF's solref is (-stiffness, -damping) per unit mass, 1/s² and 1/s, or, where it is above 0,
-    # (time constant s, damping ratio); MuJoCo takes two steps at least for the time constant.
+    # (time constant s, damping ratio); the engine takes two steps at least for the time constant.
     solref = room.solref[i]
     stiffness = -solref[0]
     damping = -solref[1]
@@ -609,7 +612,7 @@ def settle(
     # in one step.
     stiffness = wp.min(stiffness, 0.25 / (timestep * timestep))
     damping = wp.clamp(damping, 2.0 * wp.sqrt(stiffness), 1.0 / timestep)
-    # An impedance d gives way to (1 - d)/d of the load; 1e-4 is the least d that MuJoCo takes.
+    # An impedance d gives way to (1 - d)/d of the load; 1e-4 is the least d that the engine takes.
     lets_by = 1.0 / wp.max(solimp[i][0], 1e-4) - 1.0
     load = room.load[i]
     most = wp.max(_RISE * _STILL * timestep * damping, _BEARS * lets_by) * load

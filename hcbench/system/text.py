@@ -7,7 +7,7 @@ import io
 import math
 import unicodedata
 from collections.abc import Mapping, Sequence
-from decimal import ROUND_CEILING, Context
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from typing import TYPE_CHECKING, Any
 
 import hcbench
@@ -110,6 +110,18 @@ def as_bound(error: float) -> str:
     """An error that others shall not exceed: two digits, rounded up."""
     up = Context(prec=2, rounding=ROUND_CEILING)
     return f"{float(up.create_decimal(f'{error:.4g}')):.2g}"
+
+
+def rounded_down(value: float) -> str:
+    """A limit in two digits that a number may be up to: what is printed is within it."""
+    down = Context(prec=2, rounding=ROUND_FLOOR)
+    return f"{float(down.create_decimal_from_float(float(value))):.2g}"
+
+
+def rounded_up(value: float) -> str:
+    """A limit in two digits that a number may be down to: what is printed is within it."""
+    up = Context(prec=2, rounding=ROUND_CEILING)
+    return f"{float(up.create_decimal_from_float(float(value))):.2g}"
 
 
 def shortest(value: float) -> str:

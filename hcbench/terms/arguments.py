@@ -377,6 +377,7 @@ def _words(hint: Any) -> str:
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return "a mapping of names to values"
     if isinstance(origin, type) and issubclass(origin, Iterable):
+        # list[X] and tuple[X, ...] have any number of items, tuple[X, Y] as many as it names.
         if parts and parts[1:] in ((), (Ellipsis,)):
             return f"a list, each item {_words(parts[0])}"
         return f"{len(parts)} values"

@@ -200,7 +200,8 @@ def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float)
     try:
         return _factor(unit, si)
     except Exception as error:
-        # Pint raises several unrelated kinds of error for text that it cannot read as a unit.
+        # Pint raises several unrelated kinds of error for text that it cannot read as a unit. A
+        # plain ValueError is `_factor`'s own: an angle in one of the two units alone.
         if type(error) is ValueError and kind.name in _ANGLE:
             what = "an angle" if kind.name == "frequency" else "no angle"
             raise QuantityError(

@@ -17,7 +17,7 @@ from hcbench.sim.passivity import LongestTrain
 from hcbench.sim.promise import Promise
 from hcbench.system.compiler import NotCompiled
 from hcbench.system.errors import EngineFailed, EngineMissing, HcbenchError, SettingError, UserError
-from hcbench.system.text import time_step, two_digits
+from hcbench.system.text import rounded_down, time_step, two_digits
 from hcbench.terms.impact import Launch
 from hcbench.terms.resolution import STEPS_OF_A_LOOP
 from hcbench.terms.setting import PAIR, Pair
@@ -96,7 +96,7 @@ def _choose_for_loop(
             "match",
             f"the loop, where {contact}",
             f"at least {STEPS_OF_A_LOOP:g} steps",
-            f"Use a step of {nearest:.2g} s or less, a lower stiffness, or --match restitution",
+            f"Use a step of {rounded_down(nearest)} s or less, a lower stiffness, or --match restitution",
         )
     if target.reading != "law":
         slot, given = target.described()

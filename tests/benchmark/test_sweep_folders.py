@@ -8,6 +8,7 @@ import json
 import os
 import time
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -42,6 +43,13 @@ def test_another_study_does_not_get_mixed_in(tmp_path: Path) -> None:
         with pytest.raises(UserError, match=f"another sweep: {name}"):
             sweep(study_from({**small(), **change}), tmp_path, resume=True)
     assert whole(tmp_path) == before
+
+
+def test_a_field_that_only_the_folders_study_has_is_named(tmp_path: Path) -> None:
+    study = study_from(small())
+    sweep(replace(study, left_out="half of the phases"), tmp_path)
+    with pytest.raises(UserError, match="another sweep: left_out 'half of the phases' instead"):
+        sweep(study, tmp_path, resume=True)
 
 
 def test_another_version_does_not_get_mixed_in(

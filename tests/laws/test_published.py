@@ -11,6 +11,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hcbench.laws import closed_form
+from hcbench.laws.contact_law import require_resolved
+from hcbench.laws.force import HuntCrossley
 from hcbench.laws.ode import impact
 from hcbench.laws.published import (
     LAWS,
@@ -21,7 +23,7 @@ from hcbench.laws.published import (
     TouchSpeedLaw,
     law_named,
 )
-from hcbench.system.errors import UserError
+from hcbench.system.errors import SettingError, UserError
 from hcbench.terms.impact import Status
 
 ALL = list(LAWS.values())
@@ -216,3 +218,12 @@ def test_bad_numbers_are_named() -> None:
     assert law_named("Flores et al.") is law_named("flores") is Flores
     with pytest.raises(UserError, match="restitution of Flores"):
         TouchSpeedLaw(Flores, 1e10, 0.0)
+
+
+@pytest.mark.parametrize("mass", [0.1, 0.2, 0.5, 1.0, 3.0])
+def test_a_step_that_the_error_allows_resolves_the_contact(mass: float) -> None:
+    law = HuntCrossley(1e6, 0.3)
+    with pytest.raises(SettingError) as caught:
+        require_resolved(law, mass, 1.0, 1.0)
+    allowed = float(caught.value.expected.partition("at most ")[2].split()[0])
+    require_resolved(law, mass, 1.0, allowed)

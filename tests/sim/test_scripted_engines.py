@@ -34,6 +34,14 @@ def test_a_ball_at_rest_is_refused_without_a_step_that_would_help() -> None:
         require_motion_at(0.05, 1e-3, 0.0, 32)
 
 
+@pytest.mark.parametrize("fastest", [0.11, 0.2, 0.33, 0.7])
+def test_a_step_that_is_advised_is_taken(fastest: float) -> None:
+    with pytest.raises(SettingError) as caught:
+        require_motion_at(0.05, 1e-9, fastest, 32)
+    _, advised, *_ = caught.value.advice.split()
+    require_motion_at(0.05, float(advised), fastest, 32)
+
+
 SCRIPTED = [name for name in registry.names() if isinstance(registry.engine(name), ScriptedEngine)]
 RECIPES = [f"{name}.{recipe}" for name in SCRIPTED for recipe in registry.recipes(name)]
 
@@ -204,6 +212,25 @@ def test_an_engine_that_gives_up_is_a_record_with_its_reason(
     assert "the step is too small" in impact.reason
 
 
+@pytest.mark.needs_engine("rapier")
+def test_an_engine_that_gave_up_takes_no_further_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    engine: Any = registry.engine("rapier")
+    broken = _FAILS_ONCE.format(lines=engine.lines(engine.table(), PLANE))
+    monkeypatch.setattr(type(engine), "lines", lambda *_: broken)
+    world = engine.load(PLANE, setting_for("rapier.stock", "steel-plane"), 0.4)
+    with contextlib.closing(world.release([Launch(0.4)])) as simulation:
+        record = simulation.advance(4)
+    assert np.isnan(record.rate[0]).tolist() == [False, True, True, True]
+
+
+_FAILS_ONCE = """{lines}
+steps = iter([False, True, True])
+
+def step():
+    if next(steps):
+        return 1.0, 1.0
+    raise RuntimeError("the step is too small")
+"""
 _RESTING = """{lines}
 def step():
     raise RuntimeError("the step is too small")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hcbench.system.text import time_step, two_digits
+from hcbench.system.text import rounded_down, rounded_up, time_step, two_digits
 
 
 @pytest.mark.parametrize(
@@ -31,3 +31,14 @@ def test_an_error_has_two_digits_and_one_below_a_hundred_thousandth(
 )
 def test_a_step_is_a_short_decimal_or_a_rate(step: float, text: str) -> None:
     assert time_step(step) == text
+
+
+@pytest.mark.parametrize(
+    ("limit", "below", "above"),
+    [(1.68e-5, "1.6e-05", "1.7e-05"), (0.25, "0.25", "0.25"), (9.97, "9.9", "10")],
+)
+def test_a_limit_that_is_printed_is_kept_by_what_is_printed(
+    limit: float, below: str, above: str
+) -> None:
+    assert (rounded_down(limit), rounded_up(limit)) == (below, above)
+    assert float(below) <= limit <= float(above)

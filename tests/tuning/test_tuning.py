@@ -120,7 +120,7 @@ def test_a_constant_is_served_by_one_step_and_not_by_springs() -> None:
 
 
 def test_a_loop_that_the_step_cannot_see_is_refused_with_the_step_that_can() -> None:
-    with pytest.raises(SettingError, match=r"Use a step of 1\.7e-05 s or less"):
+    with pytest.raises(SettingError, match=r"Use a step of 1\.6e-05 s or less"):
         candidates("mujoco", target(1e-3), SCENE, "loop")
 
 

@@ -144,11 +144,13 @@ class _Batch:
         # A NaN compares false, so that its step is not good.
         good = no_goal & (error <= 1.0)
         self._resize(rows[no_goal], h[no_goal], error[no_goal])
-        # Both fall from above 0, and pass it at a turning point and at a switch.
+        # Both fall from above 0, and pass it at a turning point and at a switch. Their unit is the
+        # rounding: within 1 they are 0.
         speed = self._speed(rows, y)
         distance = self._distance(rows, y)
         narrow = self.high[rows] - self.low[rows] <= 2.0 * _EPS * self.high[rows]
         sought = np.where(goal == TURN, speed, distance)
+        # A search ends on what it seeks, or where no number is left between its ends.
         reached = ~no_goal & (narrow | (np.abs(sought) <= 1.0))
         turns = good & (speed < 0.0)
         # A turning point beyond a switch: the switch comes first.
@@ -449,6 +451,7 @@ def motion_size(
         energy = start + 0.5 * (force / (2.0 * math.pi * drive.frequency)) ** 2 / system.mass
     else:
         energy = start
+        # A steady P does the work P x up to the depth x at which the block balances it.
         if force:
             energy += force * _solve(elastic, force)
     require(

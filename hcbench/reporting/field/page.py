@@ -455,7 +455,7 @@ def page_text(
 
     figures: what `draw` returns of each of `drawings`.
     probes: by engine; None where it could not run.
-    folder: the page's own.
+    folder: in which the page will lie, for the links of its header; None: it may go anywhere.
     """
     made = tables(view)
     usual = min(made, key=lambda table: (-table.gravity, _far_from_usual(table.step)))
