@@ -1,7 +1,7 @@
 """The air as a rival of the law: the drag of a light ball looks like a loss that grows with speed.
 
 Where mass and size of the ball are not given, a constant e in air and the law in air are tried with
-light balls, of which a table tennis ball is the lightest.
+light balls: the law with a table tennis ball, the constant down to a balloon.
 """
 
 from __future__ import annotations
@@ -24,8 +24,10 @@ if TYPE_CHECKING:
     from hcbench.fitting.linear import LawFit
     from hcbench.terms.impact import Floats
 
-# Mass, kg, of a ball of solid rubber as large as the lightest one.
+# Masses, kg, of balls as large as one of table tennis: of solid rubber, and of one that the air holds
+# up as much as a balloon.
 _HEAVIEST = 30e-3
+_BALLOON = 0.7e-3
 _HALVINGS = 3
 # ln of the prior odds of such a ball against one that is heavy for its size.
 _LIGHT = math.log(0.1)
@@ -90,20 +92,20 @@ def rivals_in_air(
 
 
 def _likeliest_mass(fitted: Callable[[float], LawFit]) -> tuple[float, LawFit]:
-    """(ln of the mass in kg at which a fit is likeliest, that fit): of a grid of four masses, whose
+    """(ln of the mass in kg at which a fit is likeliest, that fit): of a grid of five masses, whose
     step around the best one is then halved _HALVINGS times.
 
     fitted: the fit with a ball of a mass, kg.
     """
     tried: dict[float, LawFit] = {}
-    for x in np.linspace(math.log(LIGHTEST), math.log(_HEAVIEST), 4).tolist():
+    for x in np.linspace(math.log(_BALLOON), math.log(_HEAVIEST), 5).tolist():
         tried[x] = fitted(math.exp(x))
-    step = math.log(_HEAVIEST / LIGHTEST) / 3.0
+    step = math.log(_HEAVIEST / _BALLOON) / 4.0
     for _ in range(_HALVINGS):
         step *= 0.5
         best = max(tried, key=lambda x: tried[x].log_evidence)
         for x in (best - step, best + step):
-            if math.log(LIGHTEST) <= x <= math.log(_HEAVIEST):
+            if math.log(_BALLOON) <= x <= math.log(_HEAVIEST):
                 tried[x] = fitted(math.exp(x))
     best = max(tried, key=lambda x: tried[x].log_evidence)
     return best, tried[best]

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from hcbench.fitting.table import Table
+    from hcbench.terms.impact import Floats
 
     Rows = list[tuple[Sequence[str], int]]
 
@@ -33,6 +34,9 @@ LEAST_ROWS = 2
 _OF_TIMES = {"time", "interval", "touch", "bounce", "begin", "beside"}
 # Share by which rebounds from one height differ, at most.
 _SAME_REBOUND = 0.2
+# Shares of the first height: of the first one of another drop, at least, and of the one before, at most.
+_NEAR_FIRST = 0.85
+_FAR_BELOW = 0.6
 # Roles of impacts measured one by one, and those of them after the impact.
 _AFTER = {"height_out", "speed_out", "energy_out"}
 _OF_PAIRS = {"height_in", "speed", "speed_in", "energy_in", "restitution", "squared", *_AFTER}
@@ -125,9 +129,9 @@ def _series(table: Table, quantity: str, at: int, rows: Rows) -> tuple[str, str]
 
 
 def _one_below_the_other(table: Table) -> list[Table]:
-    """The drops of a table of times or heights, where the readings begin again after a line between
-    rows, in another row of a column that numbers the drops, or where the bounces are counted anew; the
-    table alone where none do.
+    """The drops of a table of times or heights, where the readings begin again: after a line between
+    rows, in another row of a column that numbers the drops, where the bounces are counted anew, or
+    where a height is near the first one again. The table alone where none do.
     """
     roles = {role_of(*name) for name in table.header}
     # Rebounds alone are heights of one bounce after the other.
@@ -139,6 +143,12 @@ def _one_below_the_other(table: Table) -> list[Table]:
     bounces = [
         at for at, (name, unit) in enumerate(table.header) if numbers_bounces(name) and not unit
     ]
+    is_film = bool({"time", "frame", "sample"} & roles)
+    heights = [
+        table.numbers(at)
+        for at, name in enumerate(table.header)
+        if role_of(*name) in ("height", "height_out") and not is_film
+    ]
     starts = [0]
     # Records of several lines, and files with an empty line after each, have no wider gaps.
     usual = float(np.median(np.diff(table.lines))) if len(table.lines) > 1 else 1.0
@@ -146,7 +156,8 @@ def _one_below_the_other(table: Table) -> list[Table]:
         is_parted = table.lines[i] - table.lines[i - 1] > usual
         is_other = any(texts[at][i] != texts[at][i - 1] for at in drops)
         is_anew = any(texts[at][i] == texts[at][0] != texts[at][i - 1] for at in bounces)
-        if (is_parted or is_other or is_anew) and _begins_again(table, starts[-1], i):
+        is_back = any(_is_back(each[starts[-1] : i + 1]) for each in heights)
+        if (is_parted or is_other or is_anew or is_back) and _begins_again(table, starts[-1], i):
             starts.append(i)
     if len(starts) == 1:
         return [table]
@@ -156,6 +167,13 @@ def _one_below_the_other(table: Table) -> list[Table]:
     rows = _rows(table, kept)
     parts = itertools.pairwise([*starts, len(rows)])
     return [_drop(table, k, header, rows[begin:end]) for k, (begin, end) in enumerate(parts, 1)]
+
+
+def _is_back(heights: Floats) -> bool:
+    """Say whether the last of several heights is near the first again, from far below: no reading that
+    is missing, doubled or exchanged with the next makes such a rise.
+    """
+    return bool(heights[-1] > _NEAR_FIRST * heights[0] and heights[-2] < _FAR_BELOW * heights[0])
 
 
 def _filled(texts: Sequence[str]) -> list[str]:

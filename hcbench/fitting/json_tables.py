@@ -30,7 +30,7 @@ _LONGEST_NAME = 60
 Cells = tuple[str, ...]
 
 
-class _Table(NamedTuple):
+class _JsonTable(NamedTuple):
     """A table in JSON.
 
     path: the keys that lead to it; of an entry of a list its number, from 1.
@@ -61,7 +61,7 @@ def tables_of_json(name: str, content: Any) -> list[tuple[str, list[Cells]]]:
     return found
 
 
-def _require_drops(name: str, tables: Sequence[_Table]) -> None:
+def _require_drops(name: str, tables: Sequence[_JsonTable]) -> None:
     """Raise UserError where tables alike stand under keys that may name balls, such as "steel"."""
     alike = [table.path for table in tables if table.rows[0] == tables[0].rows[0]]
     for keys in zip(*alike, strict=False):
@@ -72,7 +72,7 @@ def _require_drops(name: str, tables: Sequence[_Table]) -> None:
             raise UserError(name, got, "drops of one ball", advice)
 
 
-def _tables(content: Any, path: Cells, about: tuple[Cells, ...]) -> Iterator[_Table]:
+def _tables(content: Any, path: Cells, about: tuple[Cells, ...]) -> Iterator[_JsonTable]:
     """The tables in a part of JSON, in their order.
 
     path: the keys that lead to the part. about: (name, value) beside it.
@@ -83,7 +83,9 @@ def _tables(content: Any, path: Cells, about: tuple[Cells, ...]) -> Iterator[_Ta
         yield from _tables_of_record(content, path, about)
 
 
-def _tables_of_list(content: list[Any], path: Cells, about: tuple[Cells, ...]) -> Iterator[_Table]:
+def _tables_of_list(
+    content: list[Any], path: Cells, about: tuple[Cells, ...]
+) -> Iterator[_JsonTable]:
     """The tables in a list: of each entry that has some, as a drop has; else the list as one."""
     is_named = bool(path) and _names_data(path[-1])
     for number, one in enumerate(content, 1):
@@ -91,21 +93,21 @@ def _tables_of_list(content: list[Any], path: Cells, about: tuple[Cells, ...]) -
             yield from _tables(one, (*path, str(number)), about)
         elif is_named and _is_column(one):
             # {"heights_cm": [[81, 66, 53], [80, 65, 53]]}
-            yield _Table(
+            yield _JsonTable(
                 (*path, str(number)), about, [path[-1:], *((cell,) for cell in _texts(one))]
             )
     of_drops = any(_holds_tables(one) or (is_named and _is_column(one)) for one in content)
     rows = [] if of_drops else _rows_of_list(content)
     if rows:
-        yield _Table(path, about, rows)
+        yield _JsonTable(path, about, rows)
 
 
 def _tables_of_record(
     content: dict[str, Any], path: Cells, about: tuple[Cells, ...]
-) -> Iterator[_Table]:
+) -> Iterator[_JsonTable]:
     """The tables in a record: its lists as columns, and those of its other values."""
     if isinstance(content.get("columns"), list) and isinstance(content.get("data"), list):
-        yield _Table(path, about, [_texts(content["columns"]), *map(_texts, content["data"])])
+        yield _JsonTable(path, about, [_texts(content["columns"]), *map(_texts, content["data"])])
         return
     scalars = ((str(key), text_of_cell(one)) for key, one in content.items() if _is_scalar(one))
     about = (*about, *scalars)
@@ -114,10 +116,10 @@ def _tables_of_record(
         # {"heights_cm": {"drop 1": [81, 66, 53], "drop 2": [80, 65, 53]}}
         for name, numbers in columns.items():
             header = (_quantity_over(path, about) or name,)
-            yield _Table((*path, name), about, [header, *((cell,) for cell in _texts(numbers))])
+            yield _JsonTable((*path, name), about, [header, *((cell,) for cell in _texts(numbers))])
     elif columns:
         rows = itertools.zip_longest(*columns.values(), fillvalue="")
-        yield _Table(path, about, [tuple(columns), *map(_texts, rows)])
+        yield _JsonTable(path, about, [tuple(columns), *map(_texts, rows)])
     for key, value in content.items():
         if _series(value)[1] is None:
             yield from _tables(value, (*path, str(key)), about)

@@ -55,6 +55,7 @@ IN_TEXT = {
         for k, one in enumerate(DROPS)
     ),
     "bounces counted anew": "bounce,height (cm)\n" + "".join(map(lines, DROPS)),
+    "nothing between": "height (cm)\n" + "".join(f"{height}\n" for one in DROPS for height in one),
     "a merged cell": "drop,bounce,height (cm)\n" + "".join(
         f"{k},{lines(one, ',')[1:]}" for k, one in enumerate(DROPS)
     ),

@@ -141,13 +141,29 @@ def test_the_interval_of_a_light_balls_alpha_reaches_to_what_the_air_leaves(
     assert found.alpha is not None and found.alpha.low < alpha < found.alpha.value
     # Precise times contradict the law in a vacuum.
     if noise < 1e-3:
-        assert found.law is None and "law in the air of a light ball" in found.reservation
+        assert found.law is None and "in the air of a light ball" in found.reservation
 
 
 def test_the_air_rivals_a_large_alpha_too() -> None:
     """In a vacuum the interval would begin at 0.2110."""
     found = fit([light_ball(synthesise.hunt_crossley(0.21), 2e-4)])
     assert found.alpha is not None and found.alpha.low < 0.21 < found.alpha.value
+
+
+@pytest.mark.parametrize("drop", [0.8, 1.3])
+def test_the_air_of_a_balloon_is_not_given_as_alpha(drop: float) -> None:
+    """Its drag is four times that of a table tennis ball of its weight; e = 0.8 without mass and size."""
+
+    def fly(launch: float) -> tuple[float, float]:
+        return synthesise.flight_in_air(launch, 12e-3, 0.15, 0.47)
+
+    rng = np.random.default_rng(2)
+    flights = synthesise.flights(synthesise.constant(0.8), drop, 3e-3, rng, fly)
+    times = np.cumsum([0.0, *(aloft for _, _, aloft in islice(flights, 9))])
+    found = fit([TouchTimes("t", EXACT, times + 2e-4 * rng.standard_normal(10))])
+    assert found.law is None and "air of a light ball" in found.reservation
+    assert found.restitution is not None
+    assert found.restitution.low - 0.01 < 0.8 < found.restitution.high + 0.01
 
 
 # (mass in kg, diameter in m): table tennis, foam, a balloon, a beach ball.
