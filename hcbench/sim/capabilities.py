@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from hcbench.terms.impact import Floats
 
 
+# Mobility along the plate over that along the normal, below which joints keep a pair from sliding.
+LEAST_MOBILITY = 1e-6
 # Largest nominal e: one above it adds energy.
 MOST_NOMINAL = 1.0
 

@@ -16,7 +16,13 @@ import numpy as np
 
 from hcbench.measuring.measure import Job, run_job, source_of
 from hcbench.measuring.request import make_request, read_limit
-from hcbench.sim.capabilities import MOST_NOMINAL, ContactFamily, RandomizesContacts, TunesModels
+from hcbench.sim.capabilities import (
+    LEAST_MOBILITY,
+    MOST_NOMINAL,
+    ContactFamily,
+    RandomizesContacts,
+    TunesModels,
+)
 from hcbench.sim.columns import Whole
 from hcbench.sim.model_under_test import BESIDE, ModelUnderTest, Output, Request
 from hcbench.sim.passivity import MOST_E
@@ -770,6 +776,9 @@ def _sliding_launches(
     most = job.friction[1]
     sent: list[_Sliding] = []
     for model, request, mobility in zip(models, requests, family.mobility, strict=True):
+        if not mobility > LEAST_MOBILITY:
+            sent.append(_Sliding(fault=_HELD))
+            continue
         # Tangent of the angle at which friction just stops a body, by impulses.
         stops = mobility * (1.0 + job.restitution[1]) * most
         tried = [

@@ -29,7 +29,7 @@ from hcbench.engines.mujoco.model.write_pairs import (
     written,
 )
 from hcbench.engines.mujoco.scene.rows import ConstraintRow
-from hcbench.sim.capabilities import ContactFamily
+from hcbench.sim.capabilities import LEAST_MOBILITY, ContactFamily
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -44,8 +44,6 @@ if TYPE_CHECKING:
 # do to the approach out of it: feet of robots reach a higher e.
 _SOFT = SOFT_IMPEDANCE
 _STIFF = 0.5
-# Mobility along the plate over that along the normal, below which joints keep a pair from sliding.
-_LEAST_MOBILITY = 1e-6
 # Least weight d/(1 - d) of a friction row.
 _FRICTION_WEIGHT = 1.0
 # Least impratio of a stiff spring, with which feet creep less than with MuJoCo's default.
@@ -193,7 +191,7 @@ def _spring_row(
 
 def _can_slide(pair: PairToTune) -> bool:
     """Say whether a pair has friction, and joints that let it slide."""
-    return pair.load.slides and pair.sliding_mobility > _LEAST_MOBILITY
+    return pair.load.slides and pair.sliding_mobility > LEAST_MOBILITY
 
 
 def _weight(pair: PairToTune, impedance: float, impratio: float) -> float:
