@@ -315,8 +315,8 @@ MUTANTS = (
     Mutant(
         "engines/mujoco/model/speed_shares.py",
         "add",
-        "actuators, passive, -bias]",
-        "actuators, passive, bias]",
+        "adhesion, -bias]",
+        "adhesion, bias]",
         "the weight of a falling body adds to its approach speed",
         (
             "tests/engines/mujoco/test_speed_shares.py",
