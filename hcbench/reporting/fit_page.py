@@ -270,7 +270,7 @@ def _played(s: TouchTimes) -> str:
     part = s.recording.sound[first:last]
     samples = np.round(32767 * part / max(float(np.abs(part).max()), 1e-12)).astype(np.int16)
     file = io.BytesIO()
-    wavfile.write(file, s.recording.rate, samples)
+    wavfile.write(file, round(s.recording.rate), samples)
     return base64.b64encode(file.getvalue()).decode("ascii")
 
 
