@@ -32,6 +32,8 @@ _LENGTHS = (0.2e-3, 1.5e-3, 5e-3)
 _CHANCE = 1e-7
 # Energy of a pulse over that of the third quarter of all samples, at least.
 _OVER_USUAL = 2.0
+# The same over the largest energy: a signal without noise has ripples of rounding.
+_OF_LARGEST = 1e-6
 # Times above the limit that are nearer than this, s, or than so many samples, are one pulse.
 _ONE = 14e-3
 _ONE_SAMPLES = 2
@@ -160,7 +162,8 @@ def _with_width(away: Floats, rate: float, noise: float, width: int) -> Pulses |
 
     energy = uniform_filter1d(away**2, width, mode="nearest")
     limit = noise**2 * float(chdtri(width, _CHANCE)) / width
-    limit = max(limit, _OVER_USUAL * float(np.percentile(energy, 75)))
+    usual = float(np.percentile(energy, 75))
+    limit = max(limit, _OVER_USUAL * usual, _OF_LARGEST * float(energy.max()))
     above = np.flatnonzero(energy > limit)
     if not above.size:
         return None

@@ -38,7 +38,7 @@ _LEFT_OUT = 0.25
 _BESIDE = 0.25
 # Share by which the mass of the pushes may differ from the given one.
 _OF_MASS = 0.15
-# Values that lie at one end of the range, as a share: the signal is clipped.
+# Values at one end of the range with which a signal is clipped, at least.
 _CLIPPED = 3
 
 
@@ -145,9 +145,9 @@ def _pushes(picks: Picks) -> tuple[Floats, Floats]:
 
 
 def _is_clipped(values: Floats) -> bool:
-    """Say whether several values in a row lie at the upper or the lower end of the range, (n,)."""
-    for end in (values.max(), values.min()):
-        at_end = np.flatnonzero(values == end)
-        if len(at_end) >= _CLIPPED and (np.diff(at_end) == 1).any():
-            return True
-    return False
+    """Say whether several values in a row, of (n,), lie at the end of the range that pulses reach."""
+    middle = float(np.median(values))
+    ends = (float(values.min()), float(values.max()))
+    end = max(ends, key=lambda one: abs(one - middle))
+    at_end = np.flatnonzero(values == end)
+    return len(at_end) >= _CLIPPED and bool((np.diff(at_end) == 1).any())

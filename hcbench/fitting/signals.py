@@ -65,8 +65,8 @@ _LEAST_RATE = 40.0
 _LEAST_EVENED = 10
 # A vector's size is taken where its pulses are this many times as clear as those of its axes.
 _FAR_CLEARER = 2.0
-# Largest distance from the median over the usual one: that of places in flight is less.
-_LEAST_CLEAR = 6.0
+# A fall to and from the largest height takes longer than this, s; no push does.
+_LONGEST_PUSH = 0.26
 # Share by which a rate from rounded times differs from a whole one.
 _OF_RATE = 3e-5
 # Roles of columns that say where the ball is, and its state: such a file is no signal.
@@ -342,7 +342,7 @@ def _of_columns(name: str, columns: Sequence[_Column], head: str) -> Signal | No
     values = chosen.numbers[kept]
     if len(times) < _LEAST_ROWS or not float(np.ptp(values)) > 0.0:
         return None
-    if _clearness(values) < _LEAST_CLEAR and seen_fall(times, values):
+    if _flies(times, values):
         # A track under an unknown name.
         return None
     even = evened(times)
@@ -361,6 +361,12 @@ def _of_columns(name: str, columns: Sequence[_Column], head: str) -> Signal | No
         # Times are rounded.
         even_rate = float(round(even_rate))
     return Signal(name, values, even_rate, float(times[0]), chosen.what, bool(unit), assumed)
+
+
+def _flies(times: Floats, values: Floats) -> bool:
+    """Say whether values, (n,), are heights in any unit: parabolas as long as flights, not as pushes."""
+    fall = abs(seen_fall(times, values))
+    return fall > 0.0 and math.sqrt(8.0 * float(np.ptp(values)) / fall) > _LONGEST_PUSH
 
 
 def evened(times: Floats) -> Floats | None:

@@ -279,7 +279,7 @@ def _played(heard: TouchTimes) -> str:
     loudest = max(float(np.abs(part).max()), 1e-12)
     samples = np.round(32767 * part / loudest).astype(np.int16)
     file = io.BytesIO()
-    wavfile.write(file, heard.recording.rate, samples)
+    wavfile.write(file, round(heard.recording.rate), samples)
     return base64.b64encode(file.getvalue()).decode("ascii")
 
 
