@@ -231,7 +231,7 @@ def run_job(work: Callable[[Job], Answer], job: Job, limit: float | None) -> Ans
 
 def begin_measuring(models: Sequence[str], engine: Any) -> None:
     """Let a worker process of a command import what measuring these files takes, as a copy of this
-    process, which reads on. No files, a TOML file and a name that is no file begin nothing.
+    process, which reads on. Without files, and for a TOML file or a missing one, nothing begins.
 
     models: paths. engine: name of one; None for the first that opens them. An error is not raised
     here, but where the model is opened. An engine in an environment of its own is not begun.

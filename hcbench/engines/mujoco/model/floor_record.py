@@ -1,4 +1,4 @@
-"""MuJoCo: what a floor does to a robot step by step, read in C or in Python with the same bits."""
+"""MuJoCo: contacts of a robot with its floor, read step by step in C or in Python, to the same bits."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ class Point(NamedTuple):
 
 
 class FloorStep(NamedTuple):
-    """What the floor did in one step: the points that it pressed on, its force on the robot, N
-    upwards, and the speed of the robot's centre of mass upwards at the step's start, m/s.
+    """Points that the floor pressed on in one step, its force on the robot, N upwards, and the speed
+    of the robot's centre of mass upwards at the step's start, m/s.
     """
 
     points: list[Point]
