@@ -511,7 +511,7 @@ class MujocoWorld(World):
         self.gravity = scene.normal_gravity
         self.mass = scene.mass
         self.speed_reading = speed_reading(pool.model.model)
-        # A pool is lent to the world of each batch of a sweep.
+        # A sweep has one pool for the worlds of many batches.
         self.least_taken = pool.least_taken
         in_a_thread = _ALONE
         if pool.max_batch > 1:
