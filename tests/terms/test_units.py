@@ -207,12 +207,22 @@ def test_a_quantity_beyond_its_bounds_names_slot_value_and_bound(quantity: str) 
         ({"contact": 'solref="-100000 5"'}, "solref: -100000 5 of .*, which MuJoCo replaces"),
         ({"contact": 'solref="0.02 -1"'}, "solref: 0.02 -1"),
         ({"contact": 'friction="-1 0 0"'}, "friction -1 of geom plate"),
-        ({"contact": 'friction="11 0 0"'}, "friction: 11 of geom"),
+        ({"contact": 'friction="11 0 0"'}, "friction: 11 of geoms plate and ball"),
     ],
 )
 def test_a_model_is_held_to_what_bodies_are(changes: dict[str, object], says: str) -> None:
     with pytest.raises(UserError, match=says):
         measure(MODEL.format(**PLAIN | changes), "ball,plate", speeds=0.3, phases=1)
+
+
+def test_the_friction_of_a_pair_counts_where_it_has_one() -> None:
+    text = MODEL.format(**PLAIN | {"contact": 'friction="11 0 0" solref="-1000 -1"'})
+    pair = '<contact><pair geom1="plate" geom2="ball" friction="{}" solref="-1000 -1"/></contact>'
+    modest = text.replace("</mujoco>", pair.format("0.5 0.5") + "</mujoco>")
+    assert measure(modest, "ball,plate", speeds=0.3, phases=1, diagnose=False).impacts
+    rough = MODEL.format(**PLAIN).replace("</mujoco>", pair.format("12 12") + "</mujoco>")
+    with pytest.raises(UserError, match="friction: 12 of geoms"):
+        measure(rough, "ball,plate", speeds=0.3, phases=1)
 
 
 def test_what_is_meant_is_admitted() -> None:

@@ -9,7 +9,13 @@ from typing import Any
 import numpy as np
 
 from hcbench.engines.mujoco.backend import backend
-from hcbench.engines.mujoco.model.bodies import FREE_DOFS, effective_mass, geom_name, response
+from hcbench.engines.mujoco.model.bodies import (
+    FREE_DOFS,
+    effective_mass,
+    geom_friction,
+    geom_name,
+    response,
+)
 from hcbench.engines.mujoco.model.find_pair import (
     MovingJoint,
     chosen_joint,
@@ -69,15 +75,13 @@ class PairAtTouch:
 
 def require_plausible_contact(model: Any, place: PairAtTouch) -> None:
     """Raise QuantityError for a contact whose solref MuJoCo would replace, having numbers of
-    different signs, or whose geoms have more friction than any surface.
+    different signs, or with more friction than any surface has.
 
     place: the pair at touch. With --beyond-bounds nothing is refused.
     """
     if admits_beyond_bounds():
         return
-    touching: set[int] = set()
     for row in place.contact.rows:
-        touching.update(row.geoms)
         # A time constant and a damping ratio, or the negatives of a stiffness and a damping.
         first, second, *_ = row.solref
         if (first > 0) != (second > 0):
@@ -86,12 +90,15 @@ def require_plausible_contact(model: Any, place: PairAtTouch) -> None:
             expected = "both positive (time, damping ratio), or none above 0 (-stiffness, -damping)"
             raise QuantityError("solref", got, expected)
     _, largest = BOUNDS["friction"]
-    for geom in touching:
-        friction = float(model.geom_friction[geom, 0])
+    for geoms in dict.fromkeys(row.geoms for row in place.contact.rows):
+        # The one in force: a <pair> has its own, whatever its geoms have.
+        friction = geom_friction(model, geoms)
         if friction > largest:
-            got = f"{friction:g} of geom {geom_name(model, geom)}"
+            names = " and ".join(geom_name(model, geom) for geom in geoms)
             advice = "--beyond-bounds admits it, if it is meant"
-            raise QuantityError("friction", got, f"0 ... {largest:g}", advice)
+            raise QuantityError(
+                "friction", f"{friction:g} of geoms {names}", f"0 ... {largest:g}", advice
+            )
 
 
 def bring_to_touch(
