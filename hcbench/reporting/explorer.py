@@ -397,8 +397,11 @@ def _scans(view: View) -> list[dict[str, Any]]:
 
 
 def _drops(view: View) -> list[dict[str, Any]]:
-    """Touch and parting times (s) and heights (m) of dropped balls for
-    the main α, by run; `ended`: fewer than ten bounces, since the ball came to rest.
+    """Touch and parting times (s) and heights (m) of dropped balls for the main α, a record for
+    each run; `ended`: fewer than ten bounces, since the ball came to rest.
+
+    A run without a table of bounces has empty lists. The reference, which is the law itself, is
+    left out.
     """
     drops = []
     columns = {"touch": "touch_s", "parting": "parting_s", "height": "height_m"}

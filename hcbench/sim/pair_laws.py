@@ -69,6 +69,7 @@ def laws_of(model: Any, pairs: Pairs, names: Names | None = None) -> Laws:
     require_one_force(model.opt.integrator)
     if not pairs:
         raise UserError("pairs", "none", 'two names and a law, as {("ball", "floor"): 0.3}')
+    # Number of the pair of each two geoms; -1 for those that are in none.
     pair_of = np.full((model.ngeom, model.ngeom), -1)
     values = []
     readings = []

@@ -76,7 +76,7 @@ class LongestTrain:
     fastest: float
 
     def restitution(self, speed: Floats) -> Floats:
-        """The largest e that is allowed: the target's plus the error; same shape as `speed`.
+        """Largest e that is allowed: the target's plus the error; same shape as `speed`.
 
         speed: of the impacts, m/s.
         An impact takes at least half of what the target takes. Without that bound an error of the

@@ -164,7 +164,7 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
 
 
 def law_lines(law: PythonLaw | None) -> str:
-    """The source in Python of a law's function: `law(x, v)`, a force in N, of one of forces, and
+    """Source in Python of the function of a law: `law(x, v)`, a force in N, of one of forces, and
     `e(v)` of one of restitution; "" without a law.
     """
     if law is None:

@@ -331,7 +331,8 @@ def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str
 def _row(view: FieldView, engine: str, gravity: float, timestep: float) -> dict[str, MatrixCell]:
     """One engine's cells by column, see COLUMNS, under one condition.
 
-    engine: with its version. gravity: m/s². timestep: s.
+    engine: with its version. gravity: m/s². timestep: s. Of each kind of setting the best one has
+    the cell.
     """
     here = (engine, gravity, timestep)
     own = view.best(*here)
