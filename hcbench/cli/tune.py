@@ -53,7 +53,7 @@ _FLAGS: dict[Kind, str] = {"exact": "--plugin", "settings": "--settings", "const
 
 # A function of the user's script that sets up a world, as a shell takes it.
 _SCRIPT = "--python FILE.py:FUNCTION"
-# What a world calls two bodies whose names are no variables.
+# Variables of two bodies whose names cannot be those of a script.
 _BODIES = ("first", "second")
 
 

@@ -347,7 +347,7 @@ class ReboundSearch(ABC, Generic[Spring]):
 
 
 def _worse_of(one: DropTest, other: DropTest) -> DropTest:
-    """The first of two tests, with the larger value of both in each quantity; NaN is no value."""
+    """The first of two tests, with the larger value of both in each quantity; NaN does not count."""
     worst: dict[str, Any] = {}
     for each in QUANTITIES:
         values = getattr(one, each.name), getattr(other, each.name)

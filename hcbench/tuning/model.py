@@ -213,7 +213,7 @@ def _require_writable(engine: TunesModels, output: Output) -> None:
     if is_asked and not engine.writes_models:
         got = f"a model of {engine.title}, whose settings are lines of a script"
         advice = "Leave it out: hcbench prints the lines to paste; --json has them, too"
-        raise UserError(asked, got, "a model of MuJoCo (MJCF), which can be written", advice)
+        raise UserError(asked, got, "a model whose engine writes it, such as MJCF", advice)
 
 
 def _tuned(job: Job) -> TunedModel:

@@ -25,7 +25,7 @@ GOOD = str(Path(__file__).parents[2] / "examples" / "good.xml")
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
 @pytest.mark.parametrize("step", [2e-3, 1.0 / 240.0])
 def test_the_step_to_try_is_a_quarter_of_the_models(engine: str, step: float) -> None:
-    facts = SimpleNamespace(engine=engine, timestep=step, pair=("ball", "plate"))
+    facts = SimpleNamespace(engine=engine, timestep=step, pair=("ball", "plate"), in_text=())
     advice = _cure(cast("TunedModel", SimpleNamespace(pairs=[SimpleNamespace(facts=facts)])))
     words = advice.rpartition("--timestep ")[2]
     assert units.parse(words, "timestep") == pytest.approx(step / 4.0)

@@ -175,7 +175,7 @@ def test_no_random_spring_beats_the_largest_rebound_that_is_named(files: tuple[s
 
 
 def test_a_first_drop_may_be_as_bad_as_that_of_the_model(files: tuple[str, str]) -> None:
-    """It is shorter than the whole test, in which the robot has crept to its rest."""
+    """A shorter drop than the whole test, in which the robot has crept to its rest."""
     before, after = landings(tuned(files, rebound=TARGET))
     short = replace(before, creep=1.0, rest=math.nan)
     allowed = _worse_of(before, short)
