@@ -173,7 +173,9 @@ def _is_back(heights: Floats) -> bool:
     """Say whether the last of several heights is near the first again, from far below: no reading that
     is missing, doubled or exchanged with the next makes such a rise.
     """
-    return bool(heights[-1] > _NEAR_FIRST * heights[0] and heights[-2] < _FAR_BELOW * heights[0])
+    first, before, last = heights[[0, -2, -1]]
+    is_near = _NEAR_FIRST * first < last < first / _NEAR_FIRST
+    return bool(is_near and before < _FAR_BELOW * first)
 
 
 def _filled(texts: Sequence[str]) -> list[str]:

@@ -94,7 +94,7 @@ _OF_SOMETHING_ELSE = frozenset({"height_in", "speed", "speed_in", "speed_out"})
 _NUMBERS = {"number", "bounce", "touch"}
 # Bounces in a row that may be missing from a table: numbers with wider gaps count something else.
 _MOST_UNSEEN = 3
-# Rounding of times, s, below which two drops do not agree by chance.
+# Rounding of times, s, or heights, m, below which two drops do not agree by chance.
 _NO_CHANCE = 1e-4
 # Bounces not seen that a sentence names.
 _MOST_SHOWN = 6
@@ -229,27 +229,30 @@ def _require_all_read(
 
 
 def _different(found: list[Dataset]) -> list[Dataset]:
-    """Data sets, without precise times that another one has whole: phyphox writes a stopwatch's first
-    times into several sheets. Of rounded ones two drops may be alike.
+    """Data sets, without precise times or heights that another one has whole: phyphox writes a
+    stopwatch's first times into several sheets. Of rounded ones two drops may be alike.
     """
-    times = [
-        data
-        for data in found
-        if isinstance(data, TouchTimes) and rounding_of(data.times) < _NO_CHANCE
-    ]
-    kept: list[TouchTimes] = []
-    for data in sorted(times, key=lambda one: -len(one.times)):
-        if not any(_begins_with(other, data) for other in kept):
+    kept: list[Dataset] = []
+    for data in sorted(found, key=lambda one: -len(_readings(one))):
+        readings = _readings(data)
+        is_precise = len(readings) > 0 and rounding_of(readings) < _NO_CHANCE
+        same = [other for other in kept if type(other) is type(data)]
+        if not is_precise or not any(_begins_with(_readings(other), readings) for other in same):
             kept.append(data)
     # By identity: data sets hold arrays, which have no one answer to ==.
-    dropped = [one for one in times if not any(one is other for other in kept)]
-    return [data for data in found if not any(data is one for one in dropped)]
+    return [data for data in found if any(data is one for one in kept)]
 
 
-def _begins_with(longer: TouchTimes, data: TouchTimes) -> bool:
-    """Say whether one data set has the flights of another as its first ones."""
-    flights = np.diff(data.times)
-    return bool(np.allclose(np.diff(longer.times)[: len(flights)], flights, rtol=1e-6))
+def _readings(data: Dataset) -> Floats:
+    """Flights, s, or heights, m, of a drop, one after the other; none of other data."""
+    if isinstance(data, TouchTimes):
+        return np.diff(data.times)
+    return data.heights if isinstance(data, Heights) else np.zeros(0)
+
+
+def _begins_with(longer: Floats, readings: Floats) -> bool:
+    """Say whether readings are the first ones of another drop, of as many or more."""
+    return bool(np.allclose(longer[: len(readings)], readings, rtol=1e-6))
 
 
 def _understood(table: Table, asked: str | None) -> tuple[DataColumns, str]:

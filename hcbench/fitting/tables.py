@@ -14,6 +14,7 @@ from hcbench.fitting.column_names import (
     QUANTITIES_OF_COLUMNS,
     QUANTITY_OF,
     explained,
+    is_beside,
     is_unit,
     is_unit_of,
     meanings_of,
@@ -424,7 +425,8 @@ def _said_before(rows: list[tuple[str, ...]]) -> tuple[float | None, dict[str, s
             elif meaning == "dimension of x" and role_of(value.lower()) == "time":
                 # LabVIEW counts its x in s and names it x_value.
                 written |= {"x": "time", "time": "s"}
-        for unit in map(plain_unit, _UNIT_IN_WORDS.findall(text) if len(cells) == 1 else ()):
+        is_sentence = len(cells) == 1 or (len(cells) == 2 and is_beside(cells[0]))
+        for unit in map(plain_unit, _UNIT_IN_WORDS.findall(text) if is_sentence else ()):
             quantities = [of for of in QUANTITIES_OF_COLUMNS if is_unit_of(unit, of)]
             written |= {of: unit for of in quantities if of not in written}
         match = _RATE_IN_WORDS.search(text)
