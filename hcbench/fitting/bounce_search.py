@@ -139,7 +139,7 @@ def clutter_rate(level: Floats, others: Floats, duration: float) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class _Limits:
-    """What a search takes for clutter, and for a train.
+    """Limits of what a search takes for clutter, and for a train.
 
     clutter: (n,), rate of clicks that may be taken for each, 1/s. timing: error of a click's time, s.
     score: above which a train counts. gain, gain_of_weak: least score that the last click adds.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from hcbench.fitting.signals import Signal
     from hcbench.terms.impact import Floats
 
-# Samples a second that a signal is brought down to: clicks are no shorter.
+# Samples a second that a signal is brought down to: clicks last longer.
 _MOST_RATE = 48_000.0
 # Another push has this share of the largest one's force.
 _ANOTHER = 0.3
@@ -103,7 +103,7 @@ def require_one_ball(data: TouchTimes) -> None:
 
 def weighed_ball(data: TouchTimes, signal: Signal) -> tuple[TouchTimes, str]:
     """Touches of a signal, without question where the pushes are those of one ball; and a sentence of
-    its mass, "" where the signal is no force.
+    its mass, "" where the signal has another unit.
 
     Raises UserError for forces that no ball exerts as it bounces, and for another mass than the given.
     """
@@ -135,7 +135,7 @@ def weighed_ball(data: TouchTimes, signal: Signal) -> tuple[TouchTimes, str]:
 
 
 def _pushes(picks: Picks) -> tuple[Floats, Floats]:
-    """Of each touch between two others that were found, (k,): its push's area over time, N s where the
+    """Sizes of the touches between two others that were found, (k,): the push's area over time, N s where the
     signal is in N, and half the time from the touch before to the one after, s.
     """
     assert picks.sizes is not None

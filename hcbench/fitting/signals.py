@@ -69,7 +69,7 @@ _FAR_CLEARER = 2.0
 _LONGEST_PUSH = 0.26
 # Share by which a rate from rounded times differs from a whole one.
 _OF_RATE = 3e-5
-# Roles of columns that say where the ball is, and its state: such a file is no signal.
+# Roles of columns that say where the ball is, and its state: such a file has no signal.
 _OF_PLACES = {"height", "height_in", "height_out", "penetration", "rate", "restitution"}
 
 
@@ -105,7 +105,7 @@ class _Column:
     names: tuple[tuple[str, str], ...]
 
     def unit_of(self, quantity: str) -> str:
-        """Its unit of a quantity; "" for none."""
+        """The unit of a quantity; "" for none."""
         return next((unit for _, unit in self.names if is_unit_of(unit, quantity)), "")
 
     @property
@@ -122,7 +122,7 @@ class _Column:
 
     @property
     def what(self) -> str:
-        """Its name with the unit, for people."""
+        """The name with the unit, for people."""
         name = next((name for name, _ in self.names if name), "the values")
         unit = next((unit for _, unit in self.names if unit), "")
         return f"{name} [{unit}]" if unit else name
@@ -146,7 +146,7 @@ def signal_in(path: Path) -> Signal | None:
 
 @lru_cache(maxsize=4)
 def _signal_in(path: Path, changed: int, size: int) -> Signal | None:
-    """As `signal_in`, once for a file that was last changed then and has that size."""
+    """Do as `signal_in`, once for a file that was last changed then and has that size."""
     try:
         text = decoded(_unpacked(path.read_bytes()))
     except (OSError, UnicodeDecodeError, UserError, zipfile.BadZipFile):
@@ -233,7 +233,7 @@ def _columns(
     lines: Sequence[str], separator: str | None, places: Sequence[int], first: int
 ) -> list[_Column]:
     """The columns of numbers at these places, from the line `first` on, with the names above; none
-    where the lines are no one table.
+    where the lines are not one table.
     """
     import pandas as pd
 
@@ -316,7 +316,7 @@ def _lines_about(
 
 
 def _of_columns(name: str, columns: Sequence[_Column], head: str) -> Signal | None:
-    """The signal in columns of numbers; None where no time is told, and where it is not even.
+    """The signal in columns of numbers; None without a time, and where it is not even.
 
     head: lines about the file, in lower case.
     """

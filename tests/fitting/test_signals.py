@@ -43,7 +43,7 @@ def pushes(rows: np.ndarray, rate: float, mass: float = 1.0) -> np.ndarray:
 
 
 def rings(rows: np.ndarray, rate: float, decay: float = 3e-3) -> np.ndarray:
-    """What impacts leave in a table or a piezo: rings as loud as the impacts are fast; at most 1."""
+    """Rings that impacts leave in a table or a piezo: as loud as the impacts are fast; at most 1."""
     t = np.arange(round((rows[-1, 0] + 0.5) * rate)) / rate
     y = np.zeros(len(t))
     for begin, speed, _, _ in rows:
@@ -78,7 +78,7 @@ def test_a_force_plate_gives_alpha_without_a_mass_and_weighs_the_ball(
 
 
 def test_four_pushes_are_one_ball_s_by_their_impulses(tmp_path: Path) -> None:
-    """Of four clicks nobody knows; of four pushes the mass is one and the same."""
+    """Four clicks may be anything; four pushes of one mass are a ball's."""
     force = noisy(pushes(impacts(3, 4, 8e-3), 1000, 0.2), 0.2)
     found = hb.fit(write(tmp_path, "time [s],force [N]\n" + lines(force, 1000)))
     assert found.alpha is not None and found.alpha.low <= ALPHA <= found.alpha.high
