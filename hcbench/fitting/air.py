@@ -40,11 +40,13 @@ class AirRivals:
     """Fits in air that the data leave beside the law's in a vacuum.
 
     constant: a constant e in air, the likeliest; None where the data rule it out.
+    constants: with it, those of the other masses tried that the data leave.
     law: the likeliest law with α in air; None where the data rule it out.
     share: α in air over α in a vacuum, the least that is left; 1 where none is.
     """
 
     constant: LawFit | None = None
+    constants: tuple[LawFit, ...] = ()
     law: LawFit | None = None
     share: float = 1.0
 
@@ -74,12 +76,19 @@ def rivals_in_air(
         ball = replace(sets[0].setup, mass=Known(mass), diameter=Known(DIAMETER_OF_LIGHTEST))
         return fit_law(LAWS[law], [s.with_setup(ball) for s in sets], reference, widths)
 
-    masses, constant = [LIGHTEST], None
+    masses = [LIGHTEST]
+    constant = None
+    constants: list[LawFit] = []
     if is_constant or alpha < _MOST_OF_CONSTANT:
-        log_mass, constant = _likeliest_mass(lambda mass: in_air("constant", mass))
+        tried = _of_masses(lambda mass: in_air("constant", mass))
+        log_mass = max(tried, key=lambda x: tried[x].log_evidence)
         masses.append(math.exp(log_mass))
-    if constant is not None and constant.log_evidence + _LIGHT < least:
-        constant = None
+        likeliest = tried[log_mass]
+        if likeliest.log_evidence + _LIGHT >= least:
+            constant = likeliest
+            # Nobody knows the mass: e is any of those that do nearly as well.
+            worst = likeliest.log_evidence - math.log(ODDS_TO_TELL)
+            constants = [fit for fit in tried.values() if fit.log_evidence > worst]
     share, law = 1.0, None
     for mass in masses if not is_constant else ():
         plain = in_air(PLAIN, mass)
@@ -88,12 +97,12 @@ def rivals_in_air(
         if likelier.log_evidence + _LIGHT > least:
             share = min(share, alpha_of(plain, lossy).value / alpha)
             law = max(filter(None, (law, likelier)), key=lambda fit: fit.log_evidence)
-    return AirRivals(constant, law, share)
+    return AirRivals(constant, tuple(constants), law, share)
 
 
-def _likeliest_mass(fitted: Callable[[float], LawFit]) -> tuple[float, LawFit]:
-    """(ln of the mass in kg at which a fit is likeliest, that fit): of a grid of five masses, whose
-    step around the best one is then halved _HALVINGS times.
+def _of_masses(fitted: Callable[[float], LawFit]) -> dict[float, LawFit]:
+    """Fits by ln of the mass in kg: of a grid of five masses, whose step around the likeliest one is
+    then halved _HALVINGS times.
 
     fitted: the fit with a ball of a mass, kg.
     """
@@ -107,5 +116,4 @@ def _likeliest_mass(fitted: Callable[[float], LawFit]) -> tuple[float, LawFit]:
         for x in (best - step, best + step):
             if math.log(_BALLOON) <= x <= math.log(_HEAVIEST):
                 tried[x] = fitted(math.exp(x))
-    best = max(tried, key=lambda x: tried[x].log_evidence)
-    return best, tried[best]
+    return tried

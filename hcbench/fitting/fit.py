@@ -463,12 +463,12 @@ def _with_numbers(
         e0 = estimate_of(whole.fits[WITH_E0], "e0")
     if "constant" in laws:
         restitution, share, odd = _constant(whole, used)
-        in_air = [estimate_of(air.constant, "restitution")] if air.constant else []
-        restitution = _spanning(restitution, in_air)
+        restitution = _spanning(restitution, _constants_in(air))
         if drops.between is None:
             drops = replace(drops, between=share, odd=odd)
     elif air.constant is not None:
-        restitution = estimate_of(air.constant, "restitution")
+        likeliest = estimate_of(air.constant, "restitution")
+        restitution = _spanning(likeliest, _constants_in(air))
     alpha = drops.alpha
     if alpha is not None:
         alpha = replace(alpha, low=air.share * alpha.low)
@@ -486,6 +486,11 @@ def _with_numbers(
         between=drops.between,
         warnings=(*result.warnings, *warnings),
     )
+
+
+def _constants_in(air: AirRivals) -> list[Estimate]:
+    """Estimates of a constant e in air, one for each mass that the data leave."""
+    return [estimate_of(fit, "restitution") for fit in air.constants]
 
 
 @dataclass(frozen=True, slots=True)
