@@ -130,8 +130,8 @@ class _Interrupts:
         """Raise KeyboardInterrupt, but not within an import, where a package would report it as a
         missing module: then the signal comes again a little later.
 
-        number: of the signal. frame: what was running. Several signals within _REPEAT_S count as
-        one.
+        number: of the signal. frame: what was running. A signal that comes within _REPEAT_S of the
+        one before counts as one with it.
         """
         now = time.monotonic()
         # SIGALRM is one that waited, and comes again.

@@ -202,8 +202,8 @@ def read_excerpt(begin: Any, end: Any, touches: str | None) -> Excerpt:
 
 
 def _touches(text: str | None) -> tuple[int | None, range | None]:
-    """The train, from 0, and its touches, from 1, of "2:14", "B" or
-    "B2:14"; None for what is not given.
+    """The train, from 0, and its touches, from 1, of "2:14", "B" or "B2:14". Without a letter the
+    train is the first; without numbers the touches are None; without a text both are.
 
     Raises UserError for text of another form, and for touches that do not rise from 1.
     """

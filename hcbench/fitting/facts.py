@@ -74,7 +74,7 @@ _EACH_TIME = "begun anew"
 # Facts of which a refusal shows the whole line.
 _SENTENCES = ("stairs", "other motion", "rolled off", _EACH_TIME)
 # Facts that words about them may deny: "not dribbled".
-_DENIED = ("driven ball", "upper edge", *_SENTENCES)
+_DENIED = ("driven ball", "moving plate", "upper edge", *_SENTENCES)
 # Words between a support and its motion, and between its motion and it: "is slowly moving",
 # "vibrating steel plate".
 _IS = r"(?:is|was|were|are|being|been|has|itself|wird|wurde|ist|war|est|etait|era|es|e|\w+ly)"

@@ -527,8 +527,8 @@ def _covariance(done: object, order: list[int | None]) -> Floats:
 def as_record(force_fit: ForceFit) -> dict[str, object]:
     """The fit of forces as `--json` prints it, in SI units.
 
-    None for a law that the pulse contradicts, and for what the shape does not give; NaN for the e of
-    a loop.
+    None for a law that the pulse contradicts or does not show, and for what the shape does not give;
+    NaN for the e of a loop.
     """
     low, high = force_fit.alpha_interval
     law = None

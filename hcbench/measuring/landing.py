@@ -300,11 +300,13 @@ def headline(landings: Landings) -> list[str]:
 def labels(robots: Sequence[Landings]) -> list[str]:
     """A name for each robot: that of its model's file, with a number where two have the same."""
     names = [sanitized(landings.model, 40) for landings in robots]
-    unique = []
-    for i, name in enumerate(names, 1):
+    unique: list[str] = []
+    for name in names:
         label = name
-        if names.count(name) > 1:
-            label = f"{name} ({i})"
+        number = 0
+        while label in unique or (not number and names.count(name) > 1):
+            number += 1
+            label = f"{name} ({number})"
         unique.append(label)
     return unique
 

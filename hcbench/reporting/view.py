@@ -80,8 +80,9 @@ class RunKey(NamedTuple):
 
 @dataclass(frozen=True)
 class View:
-    """Results of a study under one gravity as a report looks at them: `tables.under` picks them. A
-    run is one setting of one engine at one step (`RunKey`), with several α.
+    """Results of a study as a report looks at them. A run is one setting of one engine at one step
+    (`RunKey`), with several α. What goes by run and α alone, such as `head_on`, needs results of one
+    gravity and one scene: `tables.under` picks them.
     """
 
     results: Results

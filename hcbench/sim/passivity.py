@@ -117,7 +117,7 @@ class LongestTrain:
 
 @dataclass(frozen=True, slots=True)
 class Bounces:
-    """Results of drops from HEIGHTS and of launches below the band.
+    """Results of drops from HEIGHTS and of launches below and above the band.
 
     max_e: the largest e of all impacts.
     gains_below: the highest impact speed with an e above MOST_E, m/s; 0 where there is none.

@@ -114,7 +114,7 @@ class JointBeyondLimit:
     """A joint that is beyond its limit at the start.
 
     beyond: how far, rad if it turns, else m.
-    nearest: the nearest value allowed, rad or m.
+    nearest: the nearest value allowed, rad or m; NaN for a ball joint, which has four numbers.
     """
 
     name: str
@@ -141,12 +141,17 @@ def require_no_joint_beyond(joints: Sequence[JointBeyondLimit], start: str) -> N
     more = ""
     if len(joints) > _SHOWN:
         more = f" and {len(joints) - _SHOWN} more"
-    cure = ", ".join(f"{joint.name}={joint.nearest:.4g}" for joint in joints)
+    # A ball joint has four numbers, and no nearest one.
+    if any(math.isnan(joint.nearest) for joint in joints):
+        advice = "Start from another pose"
+    else:
+        cure = ", ".join(f"{joint.name}={joint.nearest:.4g}" for joint in joints)
+        advice = f'Start from {start}--qpos "{cure}"'
     raise UserError(
         "model",
         f"joints start outside their limits, which push them back: {named}{more}",
         "a pose that the joints allow",
-        f'Start from {start}--qpos "{cure}"',
+        advice,
     )
 
 

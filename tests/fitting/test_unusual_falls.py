@@ -137,6 +137,7 @@ def test_a_ball_that_a_hand_drives_is_refused_but_in_pairs_of_speeds(
             "initial speed 0 m/s",
             "shaker off",
             "no shaker",
+            "no shaker at 50 Hz",
             "shaker: none",
             "2 ramps",
         ),

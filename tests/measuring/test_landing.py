@@ -1,6 +1,7 @@
 """A robot dropped on its floor, and a recorded motion: what the force plate and each foot show."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import hcbench
 from hcbench.checking import CheckSpec, check
 from hcbench.checking.outcome import Verdict, judge_landings, read_limits
 from hcbench.contact.mujoco import ConstantRestitution, add_to_spec
-from hcbench.measuring.landing import as_record, as_text
+from hcbench.measuring.landing import as_record, as_text, labels
 from hcbench.reporting.measurement_page import landing_page
 from hcbench.sim.landing import PHASES, Landings
 from hcbench.system.errors import UserError
@@ -180,6 +181,12 @@ def recorded() -> dict[str, np.ndarray[Any, Any]]:
         mujoco.mj_step(model, data)
     qpos, qvel, time = (np.array(column) for column in zip(*rows, strict=True))
     return {"qpos": qpos, "qvel": qvel, "time": time}
+
+
+def test_robots_of_one_file_have_different_names(standing: Landings) -> None:
+    models = ["a.xml", "b.xml", "a.xml", "a.xml (1)"]
+    robots = [replace(standing, model=model) for model in models]
+    assert labels(robots) == ["a.xml (1)", "b.xml", "a.xml (2)", "a.xml (1) (1)"]
 
 
 def test_touchdowns_of_a_recorded_motion_have_the_speeds_of_its_falls(

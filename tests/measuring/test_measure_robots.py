@@ -30,6 +30,11 @@ ARM = f"""{HEAD}<geom name="floor" type="plane" size="3 3 .1"/>
   <geom type="capsule" fromto="0 0 0 .4 0 0" size=".03"/>
   <body name="hand" pos=".4 0 0"><geom name="hand" type="sphere" size=".05"/></body></body></body></worldbody>
   <actuator><position name="shoulder" joint="shoulder" kp="{{kp}}"/></actuator></mujoco>"""
+BALL_JOINT = f"""{HEAD}<geom name="floor" type="plane" size="1 1 .1"/>
+  <body pos="0 0 1"><freejoint/><geom size=".1"/>
+  <body pos="0 0 -.2"><joint name="hip" type="ball" range="0 30" limited="true"/>
+  <geom name="hand" size=".05" pos="0 0 -.2"/></body></body></worldbody>
+  <keyframe><key name="turned" qpos="0 0 1 1 0 0 0 .7071 .7071 0 0"/></keyframe></mujoco>"""
 LEGGED = f"""{HEAD}<geom name="floor" type="plane" size="3 3 .1"/>
   <body name="trunk" pos="0 0 1"><freejoint/><geom type="box" size=".2 .1 .1"/>
   <body name="leg" pos=".15 0 -.1"><joint name="knee" axis="0 1 0" damping=".1"/>
@@ -270,6 +275,11 @@ def test_two_that_meet_at_an_edge_are_met_from_above() -> None:
 @pytest.mark.parametrize(
     ("text", "options", "words"),
     [
+        (
+            BALL_JOINT,
+            {"key": "turned"},
+            r"outside their limits.*hip by 60 deg.*Start from another pose$",
+        ),
         (
             ARM.format(kp=0),
             {"qpos": "shoulder=2"},

@@ -371,8 +371,8 @@ def _gains(model: Any, data: Any, root: int, joint: int) -> tuple[float, float]:
     root: number of the robot's base body. joint: number of the joint.
 
     With this kp the robot's whole weight, at the end of what the joint carries, would turn the
-    joint by 1 rad (move a slide by 2 cm); kd is a share of it. Both are limited so that the time
-    step stays stable.
+    joint by 1 rad (move a slide by 2 cm); kd is a share of that kp. Then both are limited so that the
+    time step stays stable. Without gravity the weight is taken as 1 N.
     """
     h = float(model.opt.timestep)
     dof = int(model.jnt_dofadr[joint])

@@ -243,8 +243,8 @@ class MujocoFlight:
         return {geom for geom, step in self._first_touch.items() if step < steps}
 
     def _keep_shares(self, shares: dict[str, float]) -> None:
-        """Keep what each cause took of a launch's speed, if joints and actuators took more of it than
-        in the launches before.
+        """Keep what each cause took of a launch's speed, if all but the pair's contact and gravity
+        took more of it than in the launches before.
 
         shares: by cause, speed lost over the speed at touch.
         """

@@ -33,7 +33,9 @@ def has_more_than_contacts(model: Any) -> bool:
 
 
 def strange_share(shares: Mapping[str, float]) -> float:
-    """Share of the change of speed that neither contacts, with their adhesion, nor gravity made."""
+    """Share of the change of speed that neither the pair's contact, with its adhesion, nor gravity
+    made: other contacts count.
+    """
     own = (CONTACT, ADHESION, WEIGHT)
     return sum(abs(share) for name, share in shares.items() if name not in own)
 

@@ -277,7 +277,8 @@ def force_and_depth(opened: OpenedModel, data: Any, sides: Sequence[int]) -> tup
     """Force of the pair's contact, N, and penetration at its deepest point, m; 0 without one.
 
     data: MjData. sides: of each geom, as a list: 1 for the first part's, 2 for the second's, else
-    0. Of a few contacts NumPy would take ten times as long.
+    0; with one 0 more at the end, which a flex takes, as its geom is -1. The penetration counts from
+    where the force begins. Of a few contacts NumPy would take ten times as long.
     """
     contacts = data.contact
     of_pair = [

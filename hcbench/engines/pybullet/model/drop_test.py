@@ -81,7 +81,7 @@ class Seen(NamedTuple):
 class WorldDropBench(DropBench):
     """A robot over the fixed bodies of its world; every drop is in a forked copy of it.
 
-    number: its body in the client. feet: its links that the pairs name, or ANY_LINK. robot: what a
+    number: its body in the client. feet: its links that the pairs name, or () for all. robot: what a
     test reports of it and of what holds its joints. mass: kg. seen: links that the floor pushed so
     far, -1 for the base. points: at which it pushed at once, at most.
 
