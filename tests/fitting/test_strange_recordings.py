@@ -152,7 +152,9 @@ def test_the_air_rivals_a_large_alpha_too() -> None:
 
 @pytest.mark.parametrize("drop", [0.8, 1.3])
 def test_the_air_of_a_balloon_is_not_given_as_alpha(drop: float) -> None:
-    """Its drag is four times that of a table tennis ball of its weight; e = 0.8 without mass and size."""
+    """A balloon has four times the drag of a table tennis ball of its weight; e = 0.8 without mass and
+    size.
+    """
 
     def fly(launch: float) -> tuple[float, float]:
         return synthesise.flight_in_air(launch, 12e-3, 0.15, 0.47)

@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from hcbench.engines.drake.opens_files import OpensFiles
 from hcbench.laws.conventions import OneContact, SystemValue, Vocabulary
 from hcbench.laws.force import HuntCrossley
 from hcbench.recipes.law_recipes import python_law_recipes
 from hcbench.recipes.recipe import Role, on_a_plane, stock
 from hcbench.recipes.target import Target, contact_time, implicit_spring_damper
 from hcbench.sim.backend import Backend
-from hcbench.sim.capabilities import DescribesContact, Feature, Features, OpensModels
+from hcbench.sim.capabilities import DescribesContact, Feature, Features
 from hcbench.sim.read_impact import SpeedReading
 from hcbench.sim.scripted import ScriptedEngine, ScriptOptions
 from hcbench.system.text import arguments, shortest
 from hcbench.terms.fields import Finite
 from hcbench.terms.scene import Scene
 from hcbench.terms.setting import Setting
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from hcbench.engines.drake.under_test import DrakeModel
-    from hcbench.sim.model_under_test import CandidatePair, Request
 
 Positive = Annotated[Finite | None, Field(ge=0.0)]
 
@@ -53,7 +48,7 @@ _CAVEATS = (
 )
 
 
-class DrakeEngine(DescribesContact, OpensModels, ScriptedEngine[DrakeOptions]):
+class DrakeEngine(DescribesContact, OpensFiles, ScriptedEngine[DrakeOptions]):
     """Drake's MultibodyPlant behind pydrake; it opens URDF, SDF and MJCF files, too."""
 
     name = "drake"
@@ -61,9 +56,6 @@ class DrakeEngine(DescribesContact, OpensModels, ScriptedEngine[DrakeOptions]):
     backend = Backend("drake", "drake", "1.51", "1.58")
     laws = (HuntCrossley,)
     table = DrakeOptions
-    # Seconds: Python reads a user's model after each step.
-    limit = 300.0
-    suffixes = (".urdf", ".sdf", ".xml", ".mjcf")
     features = Features(
         law=Feature(
             "F = k x (1 + d v), clipped at 0, d = 1.5 α; a discrete plant by implicit Euler", _DOCS
@@ -103,26 +95,6 @@ class DrakeEngine(DescribesContact, OpensModels, ScriptedEngine[DrakeOptions]):
         """Drake's speeds are those at the touch plane: all of its contacts act from there on."""
         exact = self.read(setting).plant == "continuous"
         return SpeedReading.TOUCH_PLANE_EXACT_FLIGHT if exact else SpeedReading.TOUCH_PLANE
-
-    def accepts(self, source: Any) -> bool:
-        """Never chosen automatically: Drake supports only part of MJCF."""
-        return False
-
-    def open(
-        self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
-    ) -> DrakeModel:
-        """A model from URDF, SDF or MJCF files, in a discrete plant with nothing else set."""
-        from hcbench.engines.drake.under_test import DrakeModel
-
-        return DrakeModel(self.backend.module("pydrake.all"), self.version(), source, request, {})
-
-    def pairs(
-        self, source: Any, request: Request, rebuild: Callable[[], Any] | None = None
-    ) -> list[CandidatePair]:
-        """Pairs of shapes that Drake collides."""
-        from hcbench.engines.drake.under_test import list_pairs
-
-        return list_pairs(self.backend.module("pydrake.all"), source, request)
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
         """One contact in Drake's parameters: the dissipation that stands for its α, with caveats."""

@@ -371,9 +371,6 @@ class DrakeSimulation(Simulation):
         return 0.0
 
 
-# Opening of users' models: the part of Drake's engine that loads URDF, SDF and MJCF.
-
-
 def list_pairs(drake: Any, source: Any, request: Request) -> list[CandidatePair]:
     """List every pair of shapes that can meet, in each the one that moves first; pairs that touch
     come first.

@@ -147,7 +147,7 @@ def test_float32_is_read_to_its_own_precision_and_scatters_where_it_must() -> No
     ]
     assert "3.5e-07 m where coordinates of 0.05 m are 3.7e-09 m apart" in found.evidence
     with pytest.raises(
-        SettingError, match=r"1e-06 s in float32: at 0\.9 m/s .* 9e-07 m; .*Use 4e-06"
+        SettingError, match=r"1e-06 s in float32: at 0\.9 m/s .* 9e-07 m; .*Use 4.3e-06"
     ):
         both(ball(height=9.0), "ball,plate", ItselfEngine(32), timestep=1e-6)
 

@@ -174,7 +174,8 @@ class RowSearch:
         # and the controls, (nu,). A part of every model's launches, then the next part: bad rows
         # are given up after the first.
         self._launches = []
-        parts = _PARTS_LARGE if is_large else _PARTS
+        # A part has one launch at least: a band of one speed has few.
+        parts = min(_PARTS_LARGE if is_large else _PARTS, len(plan))
         for part in range(parts):
             for number, (states, control) in enumerate(starts):
                 self._launches.append((number, states[part::parts], control))
