@@ -596,7 +596,7 @@ def _stands_elsewhere(opened: OpenedModel, data: Any) -> bool:
         # A contact without a row does not act.
         if contact.efc_address < 0:
             continue
-        # A flex is no geom and has the number -1.
+        # A flex is not a geom, and has the number -1.
         geoms = contact.geom[contact.geom >= 0]
         if sides[geoms].sum() != BOTH_SIDES and moving in rigid[opened.model.geom_bodyid[geoms]]:
             return True
