@@ -504,7 +504,9 @@ def _times(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     if "time" not in columns.places:
         # Frames or samples that are counted.
         counted = columns.get("time")
-        columns.require("frame", np.concatenate([[True], np.diff(counted) > 0]), "frames that rise")
+        clock = "frame" if "frame" in columns.places else "sample"
+        rises = np.concatenate([[True], np.diff(counted) > 0])
+        columns.require(clock, rises, f"{clock}s that rise")
         return _touch_times(name, setup, counted, columns.assumed)
     seen, numbers = _seen(columns, "time")
     seen = _in_turn(seen)

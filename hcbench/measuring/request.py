@@ -373,7 +373,8 @@ def _move(move: str) -> str:
 
     Raises UserError for anything else.
     """
-    kind, _, name = move.strip().partition(":")
+    kind, _, name = move.partition(":")
+    kind, name = kind.strip(), name.strip()
     is_whole_base = kind == "base" and not name
     is_named = kind in ("body", "joint") and bool(name)
     if not is_whole_base and not is_named:

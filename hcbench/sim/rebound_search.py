@@ -38,8 +38,8 @@ Spring = TypeVar("Spring", bound=FootSpring)
 
 @dataclass(frozen=True, slots=True)
 class SpringGrid:
-    """Springs that are tried: `frequencies` of them, from that of a body which stops within the depth
-    allowed, up to `fastest` over the time step.
+    """Springs that are tried: `frequencies` of them, from somewhat below that of a body which stops
+    within the depth allowed, up to `fastest` over the time step.
 
     dampings: ζ of springs that throw a robot up higher than its model does, rising. calming: of
     those that throw it up less.
@@ -244,14 +244,16 @@ class ReboundSearch(ABC, Generic[Spring]):
     def _rows(self) -> list[list[Spring]]:
         """Contacts to try: a list for each frequency, rising, in each the most damped first.
 
-        The lowest frequency is that of a body which stops within the depth allowed: a spring of
-        frequency w stops a speed v within v/w. Contacts that the engine does not keep are left out.
+        A spring of frequency w stops a speed v within v/w. Contacts that the engine does not keep
+        are left out.
         """
         return list(map(self._row, self._frequencies(self.grid.frequencies)))
 
     def _frequencies(self, count: int) -> list[float]:
-        """Frequencies of the contacts to try, rad/s, rising: `count` of them, from a spring that
-        stops a body within the depth that is allowed, to the stiffest that the time step resolves.
+        """Frequencies of the contacts to try, rad/s, rising: `count` of them, evenly in ratio.
+
+        The highest is the grid's `fastest` over the time step. The lowest is _SLOWER of that which
+        stops a body within the depth allowed, at least 10 rad/s and at most half the highest.
         """
         # The depth by which a setting is judged to land no deeper than the model, m.
         deepest = max(1.2 * self.before.depth, self.before.depth + 5e-4)

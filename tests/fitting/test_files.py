@@ -67,6 +67,10 @@ def test_a_cell_far_from_the_others_is_named(tmp_path: Path, place: str) -> None
         ("time [s]\n0.1\nx\n", "line 3: 'x' under 'time'"),
         ("interval [s]\n0.1\nnan\n0.2\n", "line 3: 'nan'"),
         ("time [s]\n0.3\n0.2\n0.4\n0.5\n", "line 3: time 0.2; expected times that rise"),
+        (
+            "# sample rate: 1000 Hz\nsample,event\n100,touch\n600,touch\n550,touch\n",
+            "line 5: sample 550; expected samples that rise",
+        ),
         ("time [s]\n0.1\n0.4\n0.6\n", "3 touches"),
         ("height [m]\n0.4\n0.1\n1e400\n0.01\n", "line 4: '1e400' under 'height'"),
         ("height [m]\n0.4\n0.1\n0.05\nt\n0.01\n0.008\n", "the header 't' names no unit"),

@@ -263,6 +263,25 @@ def test_friction_alone_does_not_hold_what_joints_guide_or_another_contact_holds
     assert math.isnan(carried.creep)
 
 
+# The contact with the post is found, but does not act within its gap.
+NEAR_A_POST = """<mujoco><worldbody><geom name="plate" type="plane" size="1 1 1"/>
+<geom type="box" pos=".202 0 .1" size=".1 .1 .1" margin=".02" gap=".02"/>
+<body name="body" pos="0 0 .1"><freejoint/><geom type="box" size=".1 .1 .1" mass="1"/></body>
+</worldbody></mujoco>"""
+# A contact of a flex has the geom -1; the box is the last geom.
+BESIDE_A_FLEX = """<mujoco><worldbody><geom name="plate" type="plane" size="3 3 1"/>
+<body name="rag" pos="2 0 .05"><flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" dim="2"
+radius=".01" mass=".1"><contact selfcollide="none"/></flexcomp></body>
+<body name="body" pos="0 0 .1"><freejoint/><geom type="box" size=".1 .1 .1" mass="1"/></body>
+</worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("model", [NEAR_A_POST, BESIDE_A_FLEX])
+def test_contacts_that_do_not_touch_the_body_do_not_hold_it(model: str) -> None:
+    """Between its axes a pyramidal cone with a friction of 1 bears 1/√2 of the load."""
+    assert meaning(model).carried.weakest == pytest.approx(math.sqrt(0.5), rel=1e-3)
+
+
 def test_on_a_ramp_the_slope_would_be_another_one() -> None:
     assert math.isnan(meaning(RAMP).carried.creep)
 

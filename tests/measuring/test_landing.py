@@ -203,6 +203,30 @@ def test_touchdowns_of_a_recorded_motion_have_the_speeds_of_its_falls(
     assert ball.band is None
 
 
+# MuJoCo's contact of a sphere and a capsule begins with the sphere, that of a box and a capsule with
+# the capsule.
+ANVIL_AND_HAMMER = """<mujoco><worldbody>
+<body name="anvil"><freejoint/><geom type="sphere" pos="-1 0 0" size=".1"/>
+<geom type="box" pos="1 0 0" size=".1 .1 .1"/></body>
+<body name="hammer"><freejoint/><geom type="capsule" size=".1 .05" euler="90 0 0"/></body>
+</worldbody></mujoco>"""
+
+
+def test_two_parts_that_move_are_one_pair_whichever_geoms_meet() -> None:
+    """The hammer comes down on the sphere, then on the box, with 1 m/s and 2 m/s."""
+    height = 0.2 + np.array([0.03, 0.02, 0.01, -0.001])  # m; they touch at 0.2 m
+    states = len(height)
+    qpos = np.zeros((2 * states, 14))
+    qpos[:, [3, 10]] = 1.0
+    qpos[:, 7] = np.repeat([-1.0, 1.0], states)
+    qpos[:, 9] = np.tile(height, 2)
+    qvel = np.zeros((2 * states, 12))
+    qvel[:, 8] = -np.repeat([1.0, 2.0], states)
+    motion = {"qpos": qpos, "qvel": qvel, "time": 0.1 * np.arange(2 * states)}
+    (pair,) = hcbench.measure_trajectory(ANVIL_AND_HAMMER, motion, pair="anvil,hammer").feet
+    assert pair.speed == pytest.approx([1.0, 2.0])
+
+
 def test_check_holds_landings_and_motions_to_limits(
     tmp_path: Path, recorded: dict[str, np.ndarray[Any, Any]]
 ) -> None:

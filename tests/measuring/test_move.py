@@ -43,6 +43,7 @@ def test_move_launches_the_wheel_the_leg_or_the_whole_robot() -> None:
         None: "'upright' on its slide (--move chooses)",
         "joint:suspension": "'upright' on its joint suspension",
         "body:upright": "'upright' on its joint suspension",
+        " body: upright ": "'upright' on its joint suspension",
         "body:arm": "'upright' on its joints (swing, suspension)",
         "base:": "the whole robot, by its base 'chassis'",
     }
@@ -75,6 +76,7 @@ def test_a_joint_is_found_by_its_name_as_the_model_has_it_and_as_it_is_shown() -
     [
         ("joint:nope", "no joint 'nope'"),
         ("body:nope", "no body 'nope'"),
+        ("body: ", "base:, body:NAME or joint:NAME"),
         ("wheel", "base:, body:NAME or joint:NAME"),
         ("base:chassis", "base:, body:NAME or joint:NAME"),
     ],

@@ -442,8 +442,9 @@ def _unstable(time: float) -> EngineFailed:
 
 # Numbers of two geoms, that of the body that moves first.
 _Geoms = tuple[int, int]
-# Numbers of the two rigid parts that they belong to, in the same order.
-_Parts = tuple[int, int]
+# Numbers of the two rigid parts that they belong to, in no order: which one MuJoCo's contact begins
+# with depends on the kinds of the geoms.
+_Parts = frozenset[int]
 
 
 def touchdowns(
@@ -502,18 +503,16 @@ def _events(
         for contact, geoms in enumerate(_moving_first(model, now, kept)):
             if geoms is None:
                 continue
-            one, two = model.body_weldid[model.geom_bodyid[list(geoms)]].tolist()
-            parts = (one, two)
+            parts = frozenset(model.body_weldid[model.geom_bodyid[list(geoms)]].tolist())
             first_geoms.setdefault(parts, geoms)
             if touches.begins(parts, i):
                 begun[parts] = contact
         if begun:
             _put(model, before, qpos[i - 1], qvel[i - 1])
         for parts, contact in begun.items():
-            geoms = first_geoms[parts]
             speed, slide = max(
-                _closing_speeds(model, before, now, contact, geoms),
-                _closing_speeds(model, now, now, contact, geoms),
+                _closing_speeds(model, before, now, contact),
+                _closing_speeds(model, now, now, contact),
             )
             if speed > 0.0:
                 events.setdefault(parts, []).append(Touchdown(float(time[i]), speed, slide))
@@ -552,26 +551,23 @@ def _moving_first(model: Any, data: Any, kept: set[_Geoms] | None) -> list[_Geom
     return pairs
 
 
-def _closing_speeds(
-    model: Any, state: Any, touching: Any, contact: int, geoms: _Geoms
-) -> tuple[float, float]:
+def _closing_speeds(model: Any, state: Any, touching: Any, contact: int) -> tuple[float, float]:
     """Speeds with which two geoms approach and slide on each other at a contact, m/s.
 
     state: MjData whose velocities count. touching: MjData that has the contact. contact: its number
-    there. geoms: numbers of the two, the one that moves first.
+    there.
     """
     point = touching.contact.pos[contact]
     # From the contact's first geom to its second.
     normal = touching.contact.frame[contact][:3]
-    sign = 1.0 if int(touching.contact.geom[contact][0]) == geoms[0] else -1.0
     velocity = np.zeros(3)
     jacobian = np.zeros((3, model.nv))
     # Of the first geom's material at the point, less that of the second's.
-    for geom, share in zip(geoms, (1.0, -1.0), strict=True):
+    for geom, share in zip(touching.contact.geom[contact], (1.0, -1.0), strict=True):
         backend().mj_jac(model, state, jacobian, None, point, int(model.geom_bodyid[geom]))
         velocity += share * (jacobian @ state.qvel)
-    approach = float(sign * normal @ velocity)
-    return approach, float(np.linalg.norm(velocity - sign * approach * normal))
+    approach = float(normal @ velocity)
+    return approach, float(np.linalg.norm(velocity - approach * normal))
 
 
 def _foot(model: Any, geoms: _Geoms, events: Sequence[Touchdown]) -> Touchdowns:

@@ -282,8 +282,10 @@ class RowSearch:
         tried: indices of the members, (m,). number: index of the opened model whose pair is read.
         states: at release, one row for each of n launches. control: (nu,).
 
-        Speeds are those at the touch plane, of the parabola of free flight through three states. e
-        is 0 for a launch that does not part, and COSTS for one that diverged.
+        Speeds are those at the touch plane, of the parabola of free flight through three states, 0
+        where it does not reach the plane. e is 0 for a launch that does not part, also where its
+        states are NaN from within the contact on, and COSTS where a state next to the touch or to
+        the parting is NaN.
         """
         # Penetration after each step, m, of all launches of all members, one below the other.
         x = self._depths(tried, number, states, control, _STEPS).reshape(-1, _STEPS)
@@ -297,7 +299,7 @@ class RowSearch:
         # Speeds in and out, m a step.
         into = _crossing_speed(x[launches, first - 2], x[launches, first - 1], x[launches, first])
         out = _crossing_speed(x[launches, last], x[launches, last + 1], x[launches, last + 2])
-        # A launch that never came near has a speed of 0.
+        # A parabola that does not reach the touch plane has a speed of 0.
         e = np.where(parted.any(axis=1), out / np.maximum(into, 1e-12), 0.0)
         e = np.nan_to_num(e, nan=COSTS)
         speed = into / float(self._model.opt.timestep)

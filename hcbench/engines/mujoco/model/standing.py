@@ -593,8 +593,12 @@ def _stands_elsewhere(opened: OpenedModel, data: Any) -> bool:
     sides = opened.place.pair.sides
     rigid = opened.model.body_weldid
     moving = rigid[opened.place.pair.first.body]
-    for i in range(data.ncon):
-        geoms = data.contact[i].geom
+    for contact in data.contact:
+        # A contact without a row does not act.
+        if contact.efc_address < 0:
+            continue
+        # A flex is not a geom, and has the number -1.
+        geoms = contact.geom[contact.geom >= 0]
         if sides[geoms].sum() != BOTH_SIDES and moving in rigid[opened.model.geom_bodyid[geoms]]:
             return True
     return False

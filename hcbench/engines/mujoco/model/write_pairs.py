@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import itertools
 import math
 import os
@@ -217,6 +218,8 @@ _END = "</mujoco>"
 _INCLUDE = re.compile(r"(<include\s[^>]*?file\s*=\s*)([\"'])(.*?)\2", re.DOTALL)
 _DIRECTORY = re.compile(r'\b(meshdir|texturedir|assetdir)="(/[^"]*)"')
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+# What MuJoCo's parser reads as a character; it leaves an & before anything else as it is.
+_ESCAPE = re.compile(r"&(?:amp|lt|gt|quot|apos|#\d+|#x[0-9a-fA-F]+);")
 
 
 def spec_of(source: Any) -> Any:
@@ -284,9 +287,15 @@ def whole_text(spec: Any, folder: Path | None) -> str:
         return text
 
     def moved(match: re.Match[str]) -> str:
-        return f"{match[1]}={quoted(os.path.relpath(match[2], folder.resolve()))}"
+        way = os.path.relpath(_plain(match[2]), folder.resolve())
+        return f"{match[1]}={quoted(way)}"
 
     return _DIRECTORY.sub(moved, text)
+
+
+def _plain(attribute: str) -> str:
+    """The value of an XML attribute, with characters for its escapes, such as & for &amp;."""
+    return _ESCAPE.sub(lambda escape: html.unescape(escape[0]), attribute)
 
 
 def own_text(source: Any, folder: Path | None, lines: str) -> str:
@@ -296,7 +305,8 @@ def own_text(source: Any, folder: Path | None, lines: str) -> str:
     folder: of the file that is to be written, from which its paths then lead; None: they stay.
     lines: XML for the end of <mujoco>.
 
-    Also "" for a text that does not end with </mujoco>. Raises UserError for a file that is not in
+    Also "" for a text that does not end with </mujoco>, and for one that is to be found from another
+    folder and includes a file that includes another. Raises UserError for a file that is not in
     UTF-8.
     """
     path = _path(source)
@@ -314,9 +324,32 @@ def own_text(source: Any, folder: Path | None, lines: str) -> str:
     head = text[:end]
     tail = text[end + len(_END) :]
     if path is not None and folder is not None and folder.resolve() != path.parent.resolve():
+        if _includes_twice(without_comments, path):
+            return ""
         head = _moved(head, path, folder)
         lines = f"{_directories(path, folder)}{lines}"
     return f"{head.rstrip()}\n\n{lines}\n{_END}{tail}"
+
+
+def _includes_twice(text: str, path: Path) -> bool:
+    """Say whether a file that a model includes has an <include> of its own.
+
+    text: of the model, without comments. path: of its file.
+
+    MuJoCo looks for the inner file from the folder of the model first, so its name, which stays, may
+    lead nowhere from another folder, or to another file.
+    """
+    for match in _INCLUDE.finditer(text):
+        # Its comments may be in any encoding.
+        inner = _included_file(match, path).read_text(encoding="utf-8", errors="replace")
+        if _INCLUDE.search(_COMMENT.sub("", inner)):
+            return True
+    return False
+
+
+def _included_file(match: re.Match[str], path: Path) -> Path:
+    """The file of a match of _INCLUDE in the model at a path."""
+    return (path.parent / _plain(match[3])).resolve()
 
 
 def _moved(text: str, path: Path, folder: Path) -> str:
@@ -327,8 +360,8 @@ def _moved(text: str, path: Path, folder: Path) -> str:
 
     def moved(match: re.Match[str]) -> str:
         """The <include> of one match: its begin, up to the "=", and the new path in quotes."""
-        included_file = (path.parent / match[3]).resolve()
-        return f"{match[1]}{quoted(os.path.relpath(included_file, folder.resolve()))}"
+        way = os.path.relpath(_included_file(match, path), folder.resolve())
+        return f"{match[1]}{quoted(way)}"
 
     return _INCLUDE.sub(moved, text)
 
