@@ -32,9 +32,12 @@ from hcbench.system.text import joined_names, sanitized, split_names
 from hcbench.terms.options import LAUNCHES, OPTIONS, renamed
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from hcbench.checking.spec import CheckSpec
     from hcbench.measuring.measure import Job
     from hcbench.measuring.measurement import Measurement
+    from hcbench.sim.model_under_test import CandidatePair
 
 # Suffixes of files that make one world together.
 _PARTS = (".urdf", ".sdf")
@@ -232,10 +235,24 @@ def _list_pairs(
         return
     show(as_table(parts).rstrip())
     if parts:
-        # Parts of one body never approach each other.
-        launched = next((each for each in parts if math.isfinite(each.effective_mass)), parts[0])
-        line = f"hcbench measure {_typed(models, python)} --pair {quote(launched.pair)}"
+        line = f"hcbench measure {_typed(models, python)} --pair {quote(_to_launch(parts).pair)}"
         show(f"\nnext:\n  {line}")
+
+
+def _to_launch(parts: Sequence[CandidatePair]) -> CandidatePair:
+    """Choose the pair to launch first: one that touches, else one with a part of the world, which a
+    body can fall on; two legs may only slide past each other.
+
+    parts: one or more, those that touch first. Parts of one body never approach each other, and
+    have no effective mass.
+    """
+    launched = [each for each in parts if math.isfinite(each.effective_mass)]
+    if not launched:
+        return parts[0]
+    first = launched[0]
+    if first.touching or first.touching_in:
+        return first
+    return next((each for each in launched if "world" in each.bodies), first)
 
 
 def _typed(models: tuple[str, ...], python: str | None) -> str:

@@ -117,6 +117,25 @@ def test_two_urdfs_are_one_robot_and_its_floor(
     assert "position motors hold 1 joints" in out
 
 
+def test_a_robot_whose_legs_are_under_a_thin_floor_lands_on_its_foot(
+    files: list[str], tmp_path: Path
+) -> None:
+    """Many URDFs have their origin in the base: at height 0 the legs are under a slab."""
+    slab = FLOOR.replace('size="9 9 1"', 'size="9 9 .05"')
+    (tmp_path / "slab.urdf").write_text(slab)
+    robot = files[0]
+    high = hb.land(
+        [robot, str(tmp_path / "slab.urdf")], heights=[0.1], gravity=G, qpos="base=0,0,3"
+    )
+    through = hb.land(
+        [robot, str(tmp_path / "slab.urdf")], heights=[0.1], gravity=G, qpos="base=0,0,0.1"
+    )
+    (of_high,) = high.drops
+    (of_through,) = through.drops
+    assert [foot.part for foot in of_through.feet] == [foot.part for foot in of_high.feet]
+    assert of_through.peak == pytest.approx(of_high.peak, rel=0.02)
+
+
 def test_a_robot_with_something_in_its_way_is_refused(files: list[str], tmp_path: Path) -> None:
     """The speed at its touch was 0, and e a division by it."""
     lid = FLOOR.replace('size="9 9 1"', 'size=".3 .3 .1"').replace(

@@ -115,6 +115,51 @@ class WorldOverFloor:
         """Speed of the centre of mass upwards, m/s."""
         return float(self.masses @ motion.velocities @ self.up) / self.mass
 
+    def _to_clear_slabs(self) -> float:
+        """How far up, m, the robot has to go to be above each floor through which it reaches: its
+        base is above the middle of the floor, its lowest point below the underside. 0 for a robot
+        that reaches through none.
+
+        Many URDFs have their origin in the base: at height 0 the legs are under a thin slab, and the
+        robot would come to rest on its base.
+        """
+        lowest, _ = self._extent(self.robot)
+        position, _ = self.bullet.getBasePositionAndOrientation(self.robot)
+        base = float(np.array(position) @ self.up)
+        way = 0.0
+        for floor in self.floors:
+            underside, top = self._extent(floor)
+            reaches_through = lowest < underside and base > 0.5 * (underside + top)
+            if reaches_through and self._is_over(floor):
+                way = max(way, top - lowest)
+        return way
+
+    def _boxes(self, body: int) -> Floats:
+        """Bounding boxes of the links of a body and of its base: (links + 1, 2, 3), lower and upper
+        corner in the world, m.
+        """
+        bullet = self.bullet
+        links = range(-1, bullet.getNumJoints(body))
+        return np.array([bullet.getAABB(body, link) for link in links])
+
+    def _extent(self, body: int) -> tuple[float, float]:
+        """Lowest and highest end of a body's bounding boxes, m, along `up`."""
+        boxes = self._boxes(body)
+        # Of a box: the corner nearest to the ground, and the one farthest from it.
+        low = np.where(self.up > 0.0, boxes[:, 0], boxes[:, 1]) @ self.up
+        high = np.where(self.up > 0.0, boxes[:, 1], boxes[:, 0]) @ self.up
+        return float(low.min()), float(high.max())
+
+    def _is_over(self, floor: int) -> bool:
+        """Say whether the bounding boxes of the robot and of a floor overlap, seen from above."""
+        lower, upper = (self._boxes(self.robot)[:, end] for end in (0, 1))
+        floor_lower, floor_upper = (self._boxes(floor)[:, end] for end in (0, 1))
+        overlaps = (lower.min(axis=0) < floor_upper.max(axis=0)) & (
+            floor_lower.min(axis=0) < upper.max(axis=0)
+        )
+        # The axis along which the robot falls does not count.
+        return bool((overlaps | (np.abs(self.up) > 0.5)).all())
+
     def put(self, height: float, turn: Sequence[float]) -> Floats:
         """Put the robot at rest with its lowest point at a height over the floor.
 
@@ -144,8 +189,10 @@ class WorldOverFloor:
                 raise UserError("model", got, "a floor", "Give it as a second file")
             return min(points, key=lambda point: point[DISTANCE])
 
-        # Down to the floor, and up again by the height.
-        travel = travel_by_distance(lambda by: float(nearest(by)[DISTANCE]), 1.0) - height
+        # From above, down to the floor, and up again by the height.
+        above = self._to_clear_slabs()
+        to_floor = travel_by_distance(lambda by: float(nearest(by - above)[DISTANCE]), 1.0) - above
+        travel = to_floor - height
         lowest = np.array(nearest(travel)[POINT_A])
         bullet.resetBaseVelocity(self.robot, [0, 0, 0], [0, 0, 0])
         return lowest
