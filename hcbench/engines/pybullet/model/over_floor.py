@@ -116,7 +116,7 @@ class WorldOverFloor:
         return float(self.masses @ motion.velocities @ self.up) / self.mass
 
     def _to_clear_slabs(self) -> float:
-        """How far up, m, the robot has to go to be above each floor through which it reaches: its
+        """The way up, m, that the robot has to go to be above each floor through which it reaches: its
         base is above the middle of the floor, its lowest point below the underside. 0 for a robot
         that reaches through none.
 
