@@ -83,6 +83,8 @@ _OF_PROGRAMS = re.compile(
 _COUNTED = ("frame", "sample")
 _OPENING = tuple("=:([{")
 _ARROW = re.compile(r"(?:->|=>|→)\s*$")
+# Flights of a ball are shorter, s: it falls from 30 m. Laps of a runner are longer.
+_LONGEST_LAP = 5.0
 # Letters before a list that may have its name.
 _BEFORE = 200
 # Numbers that are a list, and lines that are records, at least; lines and characters of one at most.
@@ -362,7 +364,8 @@ def _are_laps(rows: Sequence[Sequence[str]]) -> bool:
     times = [sum(float(x) * 60.0**k for k, x in enumerate(lap[::-1])) for lap in laps]
     if int(numbers[0]) > 1:
         numbers, times = numbers[::-1], times[::-1]
-    return counts(numbers) and all(b < a for a, b in itertools.pairwise(times))
+    is_of_ball = counts(numbers) and times[0] < _LONGEST_LAP
+    return is_of_ball and all(b < a for a, b in itertools.pairwise(times))
 
 
 def _parts(line: str) -> Iterator[tuple[str, str, str]]:

@@ -52,6 +52,19 @@ def test_bounces_that_people_count_on_in_a_chat_are_read_all(
     np.testing.assert_allclose(found.heights, HEIGHTS)
 
 
+def test_a_ball_that_rolls_off_does_so_after_the_last_bounce_told(tmp_path: Path) -> None:
+    told = ["first bounce 63 cm", "second 40 cm", "third 25 cm, then it rolled off", "4th 17 cm"]
+    assert len(read_datasets(_file(tmp_path, "\n".join(told[:3])), EXACT)) == 1
+    with pytest.raises(UserError, match="rolled off"):
+        read_datasets(_file(tmp_path, "\n".join(told)), EXACT)
+
+
+def test_laps_of_a_runner_are_no_flights(tmp_path: Path) -> None:
+    laps = "Lap 1  01:02.31\nLap 2  01:01.20\nLap 3  00:58.90\nLap 4  00:09.10\n"
+    with pytest.raises(UserError):
+        read_datasets(_file(tmp_path, laps), EXACT)
+
+
 def test_names_before_bounces_need_no_time(tmp_path: Path) -> None:
     text = "Tom: first bounce 63 cm\nAna: second 40 cm\nTom: third 25 cm\nAna: 4th 17 cm\n"
     found = read_dataset(_file(tmp_path, text), EXACT)
