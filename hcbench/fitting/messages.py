@@ -41,7 +41,7 @@ _LONGEST = 20_000
 
 
 class _Told(NamedTuple):
-    """What one line tells.
+    """A height or a time in one line.
 
     bounce: its number, 0 for that of the drop. number: as written, with a point.
     unit: Pint's word, "" for none. words: those of the line.
@@ -55,7 +55,7 @@ class _Told(NamedTuple):
 
 def rows_of_messages(text: str) -> tuple[Row, ...]:
     """A header and rows of the bounces that a text tells one a line, counted from 1: heights, that of
-    the drop first where it is told, or times. Empty where a line has a number that is none of
+    the drop first where there is one, or times. Empty where a line has a number that is none of
     them, or the bounces are not counted on.
 
     Two people who each measure a ball of their own count "first" twice.
@@ -97,7 +97,7 @@ def count_readings(text: str) -> int:
 
 
 def without_stamps(line: str) -> str:
-    """What a message says, `folded`, without its day, its time and its writer."""
+    """The words of a message, `folded`, without its day, its time and its writer."""
     said = folded(_STAMP.sub(" ", line)).strip()
     match = _WRITER.match(said)
     if match is None:
@@ -111,7 +111,7 @@ def without_stamps(line: str) -> str:
 
 
 def _told(text: str, quantity: str) -> list[_Told] | None:
-    """What each line with a number of a quantity tells; None where one of them is in doubt."""
+    """Bounces, and the drop, in the lines with a number of a quantity; None where one of them is in doubt."""
     told: list[_Told] = []
     for line in map(without_stamps, text.splitlines()):
         readings, counts, words = _numbers_of(line, quantity)

@@ -75,7 +75,7 @@ def test_names_before_bounces_need_no_time(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        # The second bounce is told by another number.
+        # No line has the second bounce.
         "[14:02] Tom: first bounce 63 cm\n[14:03] Ana: third 25 cm\n[14:03] Tom: 4th 17 cm\n",
         "[14:02] Tom: first bounce 63 cm\n[14:02] Ana: first bounce 55 cm\n"
         "[14:03] Tom: second 40 cm\n[14:03] Ana: second 33 cm\n",
