@@ -83,7 +83,7 @@ _OF_TEXTS = (
     *("gravity", "tilt", "camera", "track", "throw", "left out", "moving plate"),
     *("support", "moving", "shaker", "driven ball"),
     *("stairs", "other motion", "rolled off", "begun anew", "each"),
-    *("joins", "rose", "let go"),
+    *("joins", "ordinal", "rose", "let go"),
 )
 # Roles: the meanings that a name must have, and those that it may have besides.
 _EVENTS = {"touch", "bounce"}
@@ -272,6 +272,13 @@ def folded(text: str) -> str:
 def words_of_texts(meaning: str) -> list[str]:
     """Words for a fact that a text may tell, `folded`."""
     return [folded(word) for words in _table()[meaning].values() for word in words]
+
+
+@cache
+def ordinals() -> list[tuple[str, int]]:
+    """Begins of words that count, `folded`, and the number each stands for: ("zweit", 2)."""
+    languages = _table()["ordinal"].values()
+    return [(folded(word), n) for words in languages for n, word in enumerate(words, 1)]
 
 
 def _words(name: str) -> list[str]:

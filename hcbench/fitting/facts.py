@@ -97,6 +97,12 @@ _NOT_AFTER = re.compile(
 _AT_THE_END = re.compile(
     r"[^.,;\n]{0,24}?\b(?:(?:at|in) the end|after the last|am ende|zum schluss|a la fin|al final|alla fine)\b"
 )
+# "11 cm, then it rolled off": after the reading before it.
+_THEN = re.compile(
+    r"\d[ \t]*[^\W\d_]{0,12}[ \t,;.-]+(?:\w+ )?(?:then|dann|puis|luego|poi|depois)\b[^\d\n]*$"
+)
+# A line about a column that is read, as `require_usual_fall` adds them to the text.
+_OF_COLUMN = re.compile(r".*\[[^\[\]]*\]: \S*")
 
 
 def require_usual_fall(
@@ -149,12 +155,21 @@ def _said(text: str, gravity: float) -> Iterator[tuple[str, str]]:
         if any(word in text for word in words_of_texts(fact)):
             for match in _pattern(fact).finditer(text):
                 after = _AT_THE_END if fact in _SENTENCES else _NOT_AFTER
-                if fact not in _DENIED or not _is_denied(match, after):
+                is_over = fact == "rolled off" and _is_after_all(match)
+                if fact not in _DENIED or not (is_over or _is_denied(match, after)):
                     yield fact, _line_of(match) if fact in _SENTENCES else match[0].strip()
     moves = (*words_of_texts("moving"), "moved", *words_of_texts("shaker"))
     for match in _moving_plate().finditer(text) if any(word in text for word in moves) else ():
         if not _is_denied(match, _NOT_AFTER):
             yield "moving plate", match[0]
+
+
+def _is_after_all(match: re.Match[str]) -> bool:
+    """Say whether words tell what came after the last number of a text."""
+    line, *below = match.string[match.end() :].split("\n")
+    later = [line, *(one for one in below if not _OF_COLUMN.fullmatch(one))]
+    is_then = _THEN.search(match.string[: match.start()]) is not None
+    return is_then and not any(re.search(r"\d", one) for one in later)
 
 
 def _line_of(match: re.Match[str]) -> str:

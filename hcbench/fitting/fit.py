@@ -246,7 +246,7 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
         e0=None,
         restitution=None,
         speeds=(float(speeds.min()), float(speeds.max())),
-        budget=error_budget(_of_alpha(whole, chosen), sets),
+        budget=error_budget(_of_budget(whole, chosen), sets),
         flags=tuple(flags),
         lack=lack,
         warnings=(*_warnings(whole, each), *scale_warnings(whole.likeliest, sets)),
@@ -364,10 +364,13 @@ def _spanning(estimate: Estimate | None, others: Sequence[Estimate]) -> Estimate
     return replace(estimate, low=low, high=high)
 
 
-def _of_alpha(whole: _Fitted, chosen: str | None) -> LawFit:
-    """The fit whose α is given: of the law chosen, else of the
+def _of_budget(whole: _Fitted, chosen: str | None) -> LawFit:
+    """The fit whose α, or e of a constant, is given: of the law chosen, else of the
     likelier of those with and without e0.
     """
+    laws = {chosen} if chosen else laws_left(whole.evidence)
+    if "constant" in laws and not laws & set(FAMILY):
+        return whole.fits["constant"]
     if chosen in (PLAIN, WITH_E0):
         return whole.fits[chosen]
     return max((whole.fits[PLAIN], whole.fits[WITH_E0]), key=lambda one: one.log_evidence)

@@ -20,19 +20,23 @@ if TYPE_CHECKING:
 # Names in a scene that hcbench writes.
 _POINTS = "points.csv"
 _PAIR = "ball,plate"
+# Scatter of e, relative, above which a train is not one ball's, so that none is simulated by it.
+_MOST_SCATTER = 0.1
 
 
 def next_lines(
     result: FitResult, engine: str, given: Sequence[str], scene: tuple[Replay, str] | None = None
 ) -> list[str]:
-    """Commands that make a scene with this contact and check it, as lines; empty without an engine.
+    """Commands that make a scene with this contact and check it, as lines; empty without an engine,
+    and where e scatters far more than a ball's.
 
     engine: "" where none can run.
     given: the words after `hcbench` that led here.
     scene: a scene that was written, and its path; then it is checked, and no other is made.
     Engines whose scenes are scripts get no line that checks.
     """
-    if not engine:
+    is_of_flights = any(s.needs_gravity for s in result.sets)
+    if not engine or (is_of_flights and result.fits[0].scatter > _MOST_SCATTER):
         return []
     low, high = _inwards(*result.speeds)
     speeds = f'--speeds "{low:g}:{high:g} m/s"'

@@ -30,6 +30,7 @@ from hcbench.fitting.column_names import (
     split_header,
     tells_drops_apart,
 )
+from hcbench.fitting.messages import rows_of_messages, tells_of_bounce
 from hcbench.fitting.prose import rows_of_prose
 from hcbench.fitting.separators import listed_names
 
@@ -82,6 +83,8 @@ _OF_PROGRAMS = re.compile(
 _COUNTED = ("frame", "sample")
 _OPENING = tuple("=:([{")
 _ARROW = re.compile(r"(?:->|=>|→)\s*$")
+# Flights of a ball are shorter, s: it falls from 30 m. Laps of a runner are longer.
+_LONGEST_LAP = 5.0
 # Letters before a list that may have its name.
 _BEFORE = 200
 # Numbers that are a list, and lines that are records, at least; lines and characters of one at most.
@@ -129,6 +132,8 @@ def rows_in_text(text: str) -> tuple[Row, ...]:
     """
     text = _OF_DUMP.sub("", text)
     text = _OF_TYPE.sub("", re.sub(r"\bnp\.(?:float|int)\d+\(([^()]*)\)", r"\1", text))
+    if told := rows_of_messages(text):
+        return told
     lines = _without_speakers(_lines(text))
     if len(lines) > _MOST_LINES or any(len(line) > _MOST_CHARACTERS for _, line in lines):
         return ()
@@ -205,7 +210,22 @@ def _of_records(lines: Sequence[tuple[int, str]]) -> _Columns:
     if any(a[-1][0] < b[0][0] for a, b in itertools.permutations(same, 2)):
         # One ball below the other: which one is asked for, nothing says.
         return _Columns()
-    return best
+    return _Columns() if _leaves_out_bounces(lines, best) else best
+
+
+def _leaves_out_bounces(lines: Sequence[tuple[int, str]], found: _Columns) -> bool:
+    """Say whether a line above records of one line each tells of a bounce in another way, with a height
+    or a time as they have.
+    """
+    units = {unit for _, unit in map(split_header, found.names) if unit}
+    above = {number for number, _ in found.before}
+    return any(
+        tells_of_bounce(line, of)
+        for number, line in lines
+        if number in above
+        for of in ("position", "time")
+        if any(is_unit_of(plain_unit(unit), of) for unit in units)
+    )
 
 
 def _of_labels(lines: Sequence[tuple[int, str]]) -> _Columns:
@@ -295,8 +315,13 @@ def _named(lines: Sequence[str]) -> Iterator[list[_Named]]:
     clocks = [i for i, (_, number, _) in enumerate(parted[0]) if ":" in number]
     # Of a label, the begin and the end; a clock alone is of touches where its times are a train.
     of_clocks = ("start", "stop") if len(clocks) > 1 else ("touch",)
+    if len(clocks) == 1 and _are_laps([[number for _, number, _ in line] for line in parted]):
+        of_clocks = ("interval",)
+        # By its number a list with the newest lap first is turned.
+        names.append("bounce")
     for i, places in enumerate(zip(*parted, strict=True)):
         befores = [before for before, _, _ in places]
+        is_named = i < len(names)
         whole.append(_plain(_repeated(befores)))
         words = _phrase(whole[i], _unit_after(befores[0], places[0][2]))
         if i in clocks:
@@ -310,7 +335,8 @@ def _named(lines: Sequence[str]) -> Iterator[list[_Named]]:
             name = words
         else:
             words = name
-        names.append(words)
+        if not is_named:
+            names.append(words)
     units = [[_unit_after(before, after) for before, _, after in line] for line in parted]
     for i in range(len(names) - 1):
         # "-4.2 -> 2.9 m/s"
@@ -323,6 +349,23 @@ def _named(lines: Sequence[str]) -> Iterator[list[_Named]]:
             _Named(f"{name} [{unit}]" if unit else name, number, words if _letters(words) else name)
             for name, unit, words, (_, number, _) in zip(names, each, whole, line, strict=True)
         ]
+
+
+def _are_laps(rows: Sequence[Sequence[str]]) -> bool:
+    """Say whether rows are the laps of a stopwatch, the newest or the oldest first: a number that counts,
+    and a time with hundredths that shrinks from one lap to the next, as flights of a ball do.
+    """
+    if len(rows) < _LEAST or any(len(row) != 2 for row in rows):
+        return False
+    numbers = [row[0] for row in rows]
+    if not numbers[0].isdigit() or not re.fullmatch(r"(?:\d+:)+\d+[.,]\d+", rows[0][1]):
+        return False
+    laps = [re.split(":", time.replace(",", ".")) for _, time in rows]
+    times = [sum(float(x) * 60.0**k for k, x in enumerate(lap[::-1])) for lap in laps]
+    if int(numbers[0]) > 1:
+        numbers, times = numbers[::-1], times[::-1]
+    is_of_ball = counts(numbers) and times[0] < _LONGEST_LAP
+    return is_of_ball and all(b < a for a, b in itertools.pairwise(times))
 
 
 def _parts(line: str) -> Iterator[tuple[str, str, str]]:

@@ -151,7 +151,7 @@ class FitResult(Drawn):
     alpha, e0, restitution: None where the law that they belong to is ruled out or was not asked
     for.
     speeds: the least and the largest impact speed of the data, m/s.
-    budget: the sources of the uncertainty of α.
+    budget: the sources of the uncertainty of α, or of a constant e.
     doubts: why neither a law nor α is given although one was fitted.
     reservation: why no law is given.
     lack: the odds that no law fits.
@@ -551,6 +551,8 @@ def _budget(result: FitResult) -> list[str]:
     name, unit = budget.parameter, ""
     if name == "alpha":
         name, unit = "α", " s/m"
+    elif name == "restitution":
+        name = "e"
     rows = [(row.source, row.kind, f"{row.share:.2g}{unit}") for row in budget.rows]
     lines = table(("where it comes from", "type", f"adds to {name}"), rows)
     if budget.left_out:

@@ -24,6 +24,7 @@ from hcbench.fitting.column_names import (
     split_header,
 )
 from hcbench.fitting.drops import LEAST_ROWS, drops_of
+from hcbench.fitting.messages import count_readings
 from hcbench.fitting.separators import listed_names, names_in_brackets, trimmed
 from hcbench.fitting.statements import decimal_signs, metres_of_pixel, require_one_unit
 from hcbench.fitting.table import Table, cell_of
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
     from hcbench.fitting.separators import Row
     from hcbench.fitting.sheets import Sheet
 
+# Heights or times that a text tells, at least.
+_LEAST_TOLD = 3
 # Rows above the numbers that may have names or units.
 _MOST_HEADER_ROWS = 6
 # Words before a number over the rows above.
@@ -223,6 +226,9 @@ def _block(name: str, rows: list[Row]) -> tuple[int, int]:
         at += count
     if not longest:
         header = next((tuple(map(split_header, cells)) for _, cells in rows if _names(cells)), ())
+        told = count_readings("\n".join(" ".join(cells) for _, cells in rows))
+        if told:
+            raise _no_drop(name, told)
         got = "has a header and no rows" if header else "has no rows of numbers"
         with explained(name, header):
             raise UserError(name, got, "a header and rows of numbers")
@@ -237,6 +243,19 @@ def _block(name: str, rows: list[Row]) -> tuple[int, int]:
     ):
         end -= 1
     return begin, end
+
+
+def _no_drop(name: str, told: int) -> UserError:
+    """The error for a text that tells heights or times, not as those of one ball.
+
+    told: how many, above 0.
+    """
+    got = f"{told} heights or times in sentences"
+    if told < _LEAST_TOLD:
+        got += ", too few"
+    expected = f"{_LEAST_TOLD} or more of one ball"
+    advice = "Tell one a line: 'bounce 1: 63 cm', 'bounce 2: 40 cm'"
+    return UserError(name, got, expected, advice)
 
 
 def _sums_up(cells: Sequence[str]) -> bool:

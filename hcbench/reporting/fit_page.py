@@ -76,6 +76,8 @@ def fit_page(
     parameter = result.budget.parameter
     if parameter == "alpha":
         parameter = "α, s/m"
+    elif parameter == "restitution":
+        parameter = "e"
     return render(
         "fit.html",
         result=result,
