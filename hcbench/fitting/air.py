@@ -40,7 +40,8 @@ class AirRivals:
     """Fits in air that the data leave beside the law's in a vacuum.
 
     constant: a constant e in air, the likeliest; None where the data rule it out.
-    constants: with it, those of the other masses tried that the data leave.
+    constants: with it, those of the other masses tried that the data leave, and the one without air
+    where, if e is constant, a heavy ball is not ruled out.
     law: the likeliest law with α in air; None where the data rule it out.
     share: α in air over α in a vacuum, the least that is left; 1 where none is.
     """
@@ -89,6 +90,8 @@ def rivals_in_air(
             # Nobody knows the mass: e is any of those that do nearly as well.
             worst = likeliest.log_evidence - math.log(ODDS_TO_TELL)
             constants = [fit for fit in tried.values() if fit.log_evidence > worst]
+            if fits["constant"].log_evidence > worst + _LIGHT:
+                constants.append(fits["constant"])
     share, law = 1.0, None
     for mass in masses if not is_constant else ():
         plain = in_air(PLAIN, mass)
