@@ -58,6 +58,8 @@ _MOST_OF_A_TRAIN = 0.05
 # The fastest impact of a bouncing ball, m/s: falls of 0.5 mm to 20 m; and of impacts one by one.
 _USUAL = (0.1, 20.0)
 _USUAL_ALONE = (1e-3, 200.0)
+# Half the width of a 95 % interval over the standard uncertainty, of a normal distribution.
+_WIDTH_OF_95 = 1.96
 # Why a law is not chosen where the air of a light ball does as well.
 _OR_AIR = "the law, or a constant e in the air of a light ball: give --mass and --diameter"
 _OR_LAW_IN_AIR = "the law in the air of a light ball: give --mass and --diameter"
@@ -356,12 +358,17 @@ def _other_reading(one: _Fitted) -> str:
 
 
 def _spanning(estimate: Estimate | None, others: Sequence[Estimate]) -> Estimate | None:
-    """The estimate, with an interval that reaches to the ends of the others'."""
+    """The estimate, with an interval that reaches to the ends of the others', and the standard
+    uncertainty of one that is as wide.
+    """
     if estimate is None or not others:
         return estimate
     low = min(estimate.low, *(other.low for other in others))
     high = max(estimate.high, *(other.high for other in others))
-    return replace(estimate, low=low, high=high)
+    if (low, high) == (estimate.low, estimate.high):
+        return estimate
+    uncertainty = max(estimate.uncertainty, 0.5 * (high - low) / _WIDTH_OF_95)
+    return replace(estimate, uncertainty=uncertainty, low=low, high=high)
 
 
 def _of_budget(whole: _Fitted, chosen: str | None) -> LawFit:
