@@ -27,18 +27,16 @@ if TYPE_CHECKING:
     from hcbench.sim.landing import RobotDrop
     from hcbench.sim.model_under_test import Request
 
-# Bullet's springs are implicit: they hold at any frequency, and damp the more the higher w h is. At
-# ten times 1/h a spring stops a foot within a step, and a faster one changes nothing: the damping
-# alone then tells which share of the penetration is taken back in a step.
+# Bullet's springs are implicit: they hold at any frequency, and damp the more the higher w h is.
 _GRID = SpringGrid(
-    fastest=10.0,
-    frequencies=7,
-    dampings=tuple(np.geomspace(0.03, 8.0, 7).tolist()),
-    calming=tuple(np.geomspace(0.4, 12.0, 6).tolist()),
+    fastest=1.5,
+    frequencies=4,
+    dampings=tuple(np.geomspace(0.03, 1.4, 5).tolist()),
+    calming=tuple(np.geomspace(0.4, 4.0, 5).tolist()),
     first=LASTING[:1],
     first_seconds=FIRST_S,
-    nearest_frequencies=7,
-    nearest=3,
+    nearest_frequencies=4,
+    nearest=2,
     very_nearest=1,
 )
 # A stiffness, N/m, that Bullet gives bodies without a spring: beside it the other's holds alone.
