@@ -47,7 +47,7 @@ def time_steps() -> None:
 
     mujoco.mj_step = timed(mujoco.mj_step)
     rollout.rollout = timed(rollout.rollout)
-    library = simulation._library()
+    library = simulation.loop_in_c()
     assert library is not None, "the loops in C take most of the steps: install a C compiler"
     for loop in ("advance", "follow"):
         setattr(library, loop, timed(getattr(library, loop)))
