@@ -269,9 +269,10 @@ def folded(text: str) -> str:
     return unicodedata.normalize("NFC", letters)
 
 
-def words_of_texts(meaning: str) -> list[str]:
+@cache
+def words_of_texts(meaning: str) -> tuple[str, ...]:
     """Words for a fact that a text may tell, `folded`."""
-    return [folded(word) for words in _table()[meaning].values() for word in words]
+    return tuple(folded(word) for words in _table()[meaning].values() for word in words)
 
 
 @cache

@@ -170,7 +170,7 @@ def _ordinal(word: str) -> int:
 
 def _begins(text: str, meaning: str) -> bool:
     """Say whether a word of a text begins as one of a meaning."""
-    return any(word.startswith(tuple(words_of_texts(meaning))) for word in _LETTERS.findall(text))
+    return any(word.startswith(words_of_texts(meaning)) for word in _LETTERS.findall(text))
 
 
 def _all_known(words: str) -> bool:

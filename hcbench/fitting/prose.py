@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import re
 from dataclasses import dataclass
-from functools import cache
 from typing import TYPE_CHECKING
 
 from hcbench.fitting.column_names import (
@@ -107,14 +106,11 @@ def _readings(text: str, quantity: str) -> Iterator[_Reading]:
         yield _Reading(match["number"], unit if is_one else "", match.start(), end)
 
 
-@cache
-def _words(meaning: str) -> frozenset[str]:
-    return frozenset(words_of_texts(meaning))
-
-
 def _begins(text: str, meaning: str) -> bool:
     """Say whether a word of a text begins as one of a meaning."""
-    return any(re.search(rf"(?<![^\W\d_]){re.escape(word)}", text) for word in _words(meaning))
+    return any(
+        re.search(rf"(?<![^\W\d_]){re.escape(word)}", text) for word in words_of_texts(meaning)
+    )
 
 
 def _joins(between: str) -> bool:
@@ -122,7 +118,7 @@ def _joins(between: str) -> bool:
     if re.search(r"\d", between):
         return False
     return all(
-        word in _words("joins")
+        word in words_of_texts("joins")
         or _begins(word, "rose")
         or _begins(word, "let go")
         or bool(meanings_of(word) & {"bounce", "touch"})

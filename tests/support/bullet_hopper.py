@@ -1,4 +1,8 @@
-"""A robot of a trunk on a foot, and a floor whose top is half a metre up, as URDF."""
+"""A robot of a trunk on a foot, and a floor whose top is half a metre up, as URDF; and lines of a
+setting, run in a test's own client.
+"""
+
+from typing import Any
 
 INERTIA = '<inertia ixx="{i}" ixy="0" ixz="0" iyy="{i}" iyz="0" izz="{i}"/>'
 ROBOT = (
@@ -17,3 +21,11 @@ FLOOR = (
     + INERTIA.format(i=0)
     + '</inertial><collision><geometry><box size="9 9 1"/></geometry></collision></link></robot>'
 )
+
+
+def run_in_client(lines: str, client: Any, **bodies: int) -> None:
+    """Run lines of a setting that act on the module `p` in a client of a test's own.
+
+    bodies: numbers of the bodies, by the names that the lines have for them.
+    """
+    exec(lines.replace("import pybullet as p\n", ""), {"p": client, **bodies})

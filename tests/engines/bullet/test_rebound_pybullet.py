@@ -15,7 +15,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from bullet_hopper import FLOOR, ROBOT
+from bullet_hopper import FLOOR, ROBOT, run_in_client
 from long_searches import long_search
 
 import hcbench as hb
@@ -70,9 +70,7 @@ def dropped(files: tuple[str, str], lines: str, phase: float, seconds: float) ->
     floor = world.loadURDF(files[1])
     world.setGravity(0, 0, -G)
     world.setJointMotorControl2(robot, 0, p.POSITION_CONTROL, targetPosition=0, force=400)
-    # The lines act on the module; here `p` is a client of this test's own.
-    own = lines.replace("import pybullet as p\n", "")
-    exec(own, {"p": world, "hopper": robot, "floor": floor})
+    run_in_client(lines, world, hopper=robot, floor=floor)
     touched, flying, rising, fastest, peak, depth = False, 0, 0.0, 0.0, 0.0, 0.0
     for _ in range(round(seconds / H)):
         before = _speed(world, robot)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bullet_hopper import run_in_client
 
 import hcbench as hb
 from hcbench.cli import run
@@ -45,9 +46,7 @@ def lies(files: list[str], lines: str, slope: float) -> tuple[float, float]:
     block = world.loadURDF(files[0], [0, 0, 0.55])
     floor = world.loadURDF(files[1])
     world.setGravity(G * math.sin(slope), 0, -G * math.cos(slope))
-    # The lines act on the module; here `p` is a client of this test's own.
-    own = lines.replace("import pybullet as p\n", "")
-    exec(own, {"p": world, "block": block, "floor": floor})
+    run_in_client(lines, world, block=block, floor=floor)
     path = []
     for _ in range(round(240 * SECONDS)):
         world.stepSimulation()

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from bullet_hopper import run_in_client
 
 import hcbench as hb
 
@@ -32,9 +33,7 @@ def bounced(files: list[str], lines: str, speed: float, phase: float) -> float:
     world: Any = BulletClient(p.DIRECT)
     puck = world.loadURDF(files[0], [0, 0, RADIUS + (2.0 + phase) * speed * STEP])
     ground = world.loadURDF(files[1])
-    # The lines act on the module; here `p` is a client of this test's own.
-    own = lines.replace("import pybullet as p\n", "")
-    exec(own, {"p": world, "puck": puck, "ground": ground})
+    run_in_client(lines, world, puck=puck, ground=ground)
     world.resetBaseVelocity(puck, [0, 0, -speed])
     for _ in range(40):
         world.stepSimulation()

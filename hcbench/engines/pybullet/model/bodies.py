@@ -458,13 +458,21 @@ class SwingingLink:
 Mover = FreeBase | SlidingJoint | SwingingLink
 
 
+def bounding_boxes(bullet: BulletClient, body: int) -> Floats:
+    """Bounding boxes of the base of a body and of its links: (links + 1, 2, 3), lower and upper corner
+    in the world, m.
+    """
+    links = range(-1, bullet.getNumJoints(body))
+    return np.array([bullet.getAABB(body, link) for link in links])
+
+
 def mass_and_volumes(bullet: BulletClient, body: int) -> tuple[float, float, float]:
     """Mass of a body with all its links, kg, and two volumes in its present pose, m³: the sum of
     those of the boxes about each link, and that of the box about all; 0 where a box has no end.
     """
     links = range(-1, bullet.getNumJoints(body))
     mass = sum(bullet.getDynamicsInfo(body, link)[MASS] for link in links)
-    boxes = np.array([bullet.getAABB(body, link) for link in links])
+    boxes = bounding_boxes(bullet, body)
     each = float(np.prod(boxes[:, 1] - boxes[:, 0], axis=1).sum())
     around = float(np.prod(boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)))
     if not around < _ENDLESS:

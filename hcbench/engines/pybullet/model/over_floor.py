@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hcbench.engines.pybullet.backend import DISTANCE, MASS, POINT_A
-from hcbench.engines.pybullet.model.bodies import FIXED, JOINT_TYPE
+from hcbench.engines.pybullet.model.bodies import FIXED, JOINT_TYPE, bounding_boxes
 from hcbench.engines.pybullet.model.open import set_pose
 from hcbench.sim.touch import travel_by_distance
 from hcbench.system.errors import UserError
@@ -134,17 +134,9 @@ class WorldOverFloor:
                 way = max(way, top - lowest)
         return way
 
-    def _boxes(self, body: int) -> Floats:
-        """Bounding boxes of the links of a body and of its base: (links + 1, 2, 3), lower and upper
-        corner in the world, m.
-        """
-        bullet = self.bullet
-        links = range(-1, bullet.getNumJoints(body))
-        return np.array([bullet.getAABB(body, link) for link in links])
-
     def _extent(self, body: int) -> tuple[float, float]:
         """Lowest and highest end of a body's bounding boxes, m, along `up`."""
-        boxes = self._boxes(body)
+        boxes = bounding_boxes(self.bullet, body)
         # Of a box: the corner nearest to the ground, and the one farthest from it.
         low = np.where(self.up > 0.0, boxes[:, 0], boxes[:, 1]) @ self.up
         high = np.where(self.up > 0.0, boxes[:, 1], boxes[:, 0]) @ self.up
@@ -152,11 +144,11 @@ class WorldOverFloor:
 
     def _is_over(self, floor: int) -> bool:
         """Say whether the bounding boxes of the robot and of a floor overlap, seen from above."""
-        lower, upper = (self._boxes(self.robot)[:, end] for end in (0, 1))
-        floor_lower, floor_upper = (self._boxes(floor)[:, end] for end in (0, 1))
-        overlaps = (lower.min(axis=0) < floor_upper.max(axis=0)) & (
-            floor_lower.min(axis=0) < upper.max(axis=0)
-        )
+        robot = bounding_boxes(self.bullet, self.robot)
+        other = bounding_boxes(self.bullet, floor)
+        begins_before = robot[:, 0].min(axis=0) < other[:, 1].max(axis=0)
+        ends_behind = other[:, 0].min(axis=0) < robot[:, 1].max(axis=0)
+        overlaps = begins_before & ends_behind
         # The axis along which the robot falls does not count.
         return bool((overlaps | (np.abs(self.up) > 0.5)).all())
 

@@ -30,6 +30,7 @@ from hcbench.engines.pybullet.model.bodies import (
     Mover,
     SlidingJoint,
     SwingingLink,
+    bounding_boxes,
     contact_row,
     cross,
     rotate,
@@ -349,10 +350,10 @@ def _bounds(bullet: BulletClient, part: BodyPart) -> tuple[Floats, Floats]:
     """Lowest and highest corner of the box around a part, m, (3,) each, in the world; cut at _BOUND
     m each way, as a plane has no end.
     """
-    links = [part.link]
     if part.link == ANY_LINK:
-        links = list(range(-1, bullet.getNumJoints(part.body)))
-    boxes = np.array([bullet.getAABB(part.body, link) for link in links])
+        boxes = bounding_boxes(bullet, part.body)
+    else:
+        boxes = np.array([bullet.getAABB(part.body, part.link)])
     low = boxes[:, 0].min(axis=0)
     high = boxes[:, 1].max(axis=0)
     return np.maximum(low, -_BOUND), np.minimum(high, _BOUND)
