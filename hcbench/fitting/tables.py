@@ -85,8 +85,8 @@ def tables_of(sheet: Sheet) -> list[Table]:
     # Remarks below a table may begin with names.
     of_numbers = [part for part in parts if any(_is_data(cells) for _, cells in part)]
     for part in of_numbers or parts:
-        first_line, _ = part[0]
-        above = [cells for line, cells in rows if line < first_line and not _is_data(cells)]
+        # Without any rows there is one part, and it is empty.
+        above = [cells for line, cells in rows if line < part[0][0] and not _is_data(cells)]
         tables += drops_of(_table(sheet, part, above))
     # Tracker writes "multi:" above tracks side by side.
     is_of_tracker = any("multi" in cells[0].split(":") for _, cells in rows[:3])
