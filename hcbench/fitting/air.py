@@ -70,37 +70,50 @@ def rivals_in_air(
     if not is_constant and not alpha > 0.0:
         return AirRivals()
     reference = fits[PLAIN].reference
-    # ln of the evidence from which a fit in air is not ruled out.
-    least = max(fit.log_evidence for fit in fits.values()) - math.log(ODDS_TO_TELL)
+    # ln of the evidence from which a fit in air is not ruled out; the prior of a light ball is in it.
+    least = max(fit.log_evidence for fit in fits.values()) - math.log(ODDS_TO_TELL) - _LIGHT
 
     def in_air(law: str, mass: float) -> LawFit:
         ball = replace(sets[0].setup, mass=Known(mass), diameter=Known(DIAMETER_OF_LIGHTEST))
         return fit_law(LAWS[law], [s.with_setup(ball) for s in sets], reference, widths)
 
+    found = AirRivals()
     masses = [LIGHTEST]
-    constant = None
-    constants: list[LawFit] = []
     if is_constant or alpha < _MOST_OF_CONSTANT:
         tried = _of_masses(lambda mass: in_air("constant", mass))
-        log_mass = max(tried, key=lambda x: tried[x].log_evidence)
-        masses.append(math.exp(log_mass))
-        likeliest = tried[log_mass]
-        if likeliest.log_evidence + _LIGHT >= least:
-            constant = likeliest
-            # Nobody knows the mass: e is any of those that do nearly as well.
-            worst = likeliest.log_evidence - math.log(ODDS_TO_TELL)
-            constants = [fit for fit in tried.values() if fit.log_evidence > worst]
-            if fits["constant"].log_evidence > worst + _LIGHT:
-                constants.append(fits["constant"])
-    share, law = 1.0, None
-    for mass in masses if not is_constant else ():
+        likeliest_log_mass = max(tried, key=lambda log_mass: tried[log_mass].log_evidence)
+        masses.append(math.exp(likeliest_log_mass))
+        likeliest = tried[likeliest_log_mass]
+        if likeliest.log_evidence >= least:
+            constants = _constants_left(likeliest, list(tried.values()), fits["constant"])
+            found = replace(found, constant=likeliest, constants=constants)
+    if is_constant:
+        return found
+    for mass in masses:
         plain = in_air(PLAIN, mass)
         lossy = in_air(WITH_E0, mass)
         likelier = max((plain, lossy), key=lambda fit: fit.log_evidence)
-        if likelier.log_evidence + _LIGHT > least:
-            share = min(share, alpha_of(plain, lossy).value / alpha)
-            law = max(filter(None, (law, likelier)), key=lambda fit: fit.log_evidence)
-    return AirRivals(constant, tuple(constants), law, share)
+        if likelier.log_evidence > least:
+            share = min(found.share, alpha_of(plain, lossy).value / alpha)
+            if found.law is not None and found.law.log_evidence >= likelier.log_evidence:
+                likelier = found.law
+            found = replace(found, law=likelier, share=share)
+    return found
+
+
+def _constants_left(
+    likeliest: LawFit, in_air: Sequence[LawFit], in_vacuum: LawFit
+) -> tuple[LawFit, ...]:
+    """The fits of a constant e that do nearly as well as the likeliest in air: nobody knows the mass.
+
+    in_air: one for each mass tried. in_vacuum: that of a heavy ball, which is the likelier one before
+    the data are seen.
+    """
+    worst = likeliest.log_evidence - math.log(ODDS_TO_TELL)
+    left = [fit for fit in in_air if fit.log_evidence > worst]
+    if in_vacuum.log_evidence > worst + _LIGHT:
+        left.append(in_vacuum)
+    return tuple(left)
 
 
 def _of_masses(fitted: Callable[[float], LawFit]) -> dict[float, LawFit]:

@@ -136,42 +136,54 @@ def completed(table: Table, asked: str | None) -> tuple[Table, str]:
     _require_places(table)
     columns = _SortedColumns.of(table)
     known = columns.known
-    bare = columns.bare
     clocks = columns.clocks()
-    tracks = [
-        (clock, place)
-        for clock, place in itertools.product(clocks, columns.heights())
-        if clock != place
-        and falls_with_g(columns.in_si(clock, "time"), columns.in_si(place, "position"))
-    ]
+    tracks = _tracks(columns)
     trains = [clock for clock in clocks if is_train(columns.in_si(clock, "time"))]
-    if not columns.has_names and len(trains) == len(bare) == 2:
-        if _are_labels(table, *bare):
-            end = bare[1]
+    if not columns.has_names and len(trains) == len(columns.bare) == 2:
+        begin, end = columns.bare
+        if _are_labels(table, begin, end):
             header = (*table.header[:end], ("stop", ""), *table.header[end + 1 :])
             table = replace(table, header=header)
             trains = trains[:1]
-    elif len(columns.unknown) + len(bare) > 1 or (columns.unknown and clocks != columns.unknown):
+    elif _has_other_unknown(columns, clocks):
         # Beside columns of which nothing is known, a time must leave no doubt.
         trains = [clock for clock in trains if is_sure_train(columns.in_si(clock, "time"))]
-    taken: dict[int, str] = {}
-    why = ""
     if asked in _ASKED and not known:
-        taken = _taken_as(columns, asked)
-        why = f"--as {asked} says so"
-    elif len({place for _, place in tracks}) == 1:
-        taken = dict(zip(tracks[0], ("time", "height"), strict=True))
-        why = "it falls with g"
-    elif clocks and len(columns.of_unit("force")) == 1 and not _HELD & {*known.values()}:
-        taken = dict.fromkeys(columns.of_unit("force"), "force")
-        why = "no other column is in its unit"
-    elif len(trains) == 1 and known.keys() <= {*trains} and (known or trains[0] in bare):
-        taken = dict.fromkeys(trains, "time")
+        return _with_names(table, _taken_as(columns, asked), f"--as {asked} says so")
+    if len({place for _, place in tracks}) == 1:
+        clock, place = tracks[0]
+        return _with_names(table, {clock: "time", place: "height"}, "it falls with g")
+    of_force = columns.of_unit("force")
+    if clocks and len(of_force) == 1 and not _HELD & {*known.values()}:
+        return _with_names(table, {of_force[0]: "force"}, "no other column is in its unit")
+    is_only_train = len(trains) == 1 and known.keys() <= {*trains}
+    if is_only_train and (known or trains[0] in columns.bare):
         why = "each flight is shorter than the one before"
-    elif not columns.has_names:
+        return _with_names(table, {trains[0]: "time"}, why)
+    if not columns.has_names:
         got = f"begins with the numbers {', '.join(table.cells[0])!r:.60}"
         raise UserError(table.name, got, "a header")
-    return _with_names(table, taken, why)
+    return _with_names(table, {}, "")
+
+
+def _tracks(columns: _SortedColumns) -> list[tuple[int, int]]:
+    """(place of the time, place of the height) of each pair of columns that falls with g."""
+    found = []
+    for clock, place in itertools.product(columns.clocks(), columns.heights()):
+        if clock == place:
+            continue
+        times = columns.in_si(clock, "time")
+        heights = columns.in_si(place, "position")
+        if falls_with_g(times, heights):
+            found.append((clock, place))
+    return found
+
+
+def _has_other_unknown(columns: _SortedColumns, clocks: list[int]) -> bool:
+    """Say whether a column of which nothing is known stands beside the one that may be the time."""
+    if len(columns.unknown) + len(columns.bare) > 1:
+        return True
+    return bool(columns.unknown) and clocks != columns.unknown
 
 
 def scaled_by_fall(table: Table, gravity: float) -> tuple[Table, str]:
@@ -180,20 +192,17 @@ def scaled_by_fall(table: Table, gravity: float) -> tuple[Table, str]:
 
     The speeds are as right as the times: of a film in slow motion they are wrong without a word.
     """
-    places = {role_of(name): i for i, (name, unit) in enumerate(table.header) if unit in PIXELS}
-    clock = next((i for i, one in enumerate(table.header) if role_of(*one) in _CLOCKS), None)
-    if table.pixel is not None or "height" not in places or clock is None:
+    in_pixels = {role_of(name): i for i, (name, unit) in enumerate(table.header) if unit in PIXELS}
+    if table.pixel is not None or "height" not in in_pixels:
         return table, ""
-    if table.unit_of(clock, "time"):
-        times = table.in_unit(clock, "time")
-    elif table.frequency is not None:
-        times = table.numbers(clock) / table.frequency
-    else:
+    times = _times_of_rows(table)
+    if times is None:
         return table, ""
-    heights = table.numbers(places["height"])
+    heights = table.numbers(in_pixels["height"])
     given = np.isfinite(times) & np.isfinite(heights)
     if given.sum() < _LEAST_OF_FALL or (np.diff(times[given]) <= 0.0).any():
         return table, ""
+    # px/s²
     fall = abs(seen_fall(times[given], heights[given]))
     if not fall:
         return table, ""
@@ -201,17 +210,35 @@ def scaled_by_fall(table: Table, gravity: float) -> tuple[Table, str]:
     return replace(table, pixel=gravity / fall), said
 
 
+def _times_of_rows(table: Table) -> Floats | None:
+    """Times of the rows of a track, s, (n,), by its first column of times, frames or samples.
+
+    None without such a column, and where neither its unit nor the rate of the frames is known.
+    """
+    clock = next((i for i, one in enumerate(table.header) if role_of(*one) in _CLOCKS), None)
+    if clock is None:
+        return None
+    if table.unit_of(clock, "time"):
+        return table.in_unit(clock, "time")
+    if table.frequency is None:
+        return None
+    return np.asarray(table.numbers(clock) / table.frequency)
+
+
 def _require_places(table: Table) -> None:
-    """Raise UserError for x, y and z without units that are accelerations: at rest they are g together."""
+    """Raise UserError for x, y and z without units that are accelerations: a phone at rest measures g."""
     axes = [
-        i for i, (name, unit) in enumerate(table.header) if not unit and meanings_of(name) in _AXES
+        place
+        for place, (name, unit) in enumerate(table.header)
+        if not unit and meanings_of(name) in _AXES
     ]
-    if len(axes) == len(_AXES):
-        size = np.linalg.norm([table.numbers(i) for i in axes], axis=0)
-        if abs(np.nanmedian(size) / STANDARD_GRAVITY - 1.0) < _NEAR_REST:
-            names = ", ".join(table.header[i][0] for i in axes)
-            advice = "Write the times of its peaks under 'touch time [s]'"
-            raise UserError(table.name, f"accelerations in the columns {names}", "places", advice)
+    if len(axes) != len(_AXES):
+        return
+    size = np.linalg.norm([table.numbers(place) for place in axes], axis=0)
+    if abs(np.nanmedian(size) / STANDARD_GRAVITY - 1.0) < _NEAR_REST:
+        names = ", ".join(table.header[place][0] for place in axes)
+        advice = "Write the times of its peaks under 'touch time [s]'"
+        raise UserError(table.name, f"accelerations in the columns {names}", "places", advice)
 
 
 def _are_labels(table: Table, begin: int, end: int) -> bool:
@@ -240,26 +267,31 @@ def _taken_as(columns: _SortedColumns, asked: str) -> dict[int, str]:
 
 def _with_names(table: Table, taken: Mapping[int, str], why: str) -> tuple[Table, str]:
     """A table with the roles of some columns as their names, in SI where they have no unit, and a
-    sentence of what it lacked.
+    sentence of what it lacked; "" where it lacked nothing.
 
-    taken: {number of a column: its role}. why: the end of the sentence.
+    taken: {place of a column: its role}. why: the end of the sentence.
     """
     header = list(table.header)
     said = []
-    for at, role in taken.items():
-        name, unit = header[at]
-        has_unit = table.unit_of(at, QUANTITY_OF[role])
+    for place, role in taken.items():
+        name, unit = header[place]
+        quantity = QUANTITY_OF[role]
+        has_unit = table.unit_of(place, quantity)
         if role_of(name, unit) == role and has_unit:
             continue
-        header[at] = (role, unit or has_unit or units.QUANTITIES[QUANTITY_OF[role]].unit)
-        called = f"{name!r}" if name else f"column {at + 1}"
-        said.append(f"{called} read as the {role} in {header[at][1]}")
-    return replace(table, header=tuple(header)), f"{' and '.join(said)}: {why}" if said else ""
+        unit = unit or has_unit or units.QUANTITIES[quantity].unit
+        header[place] = (role, unit)
+        shown = f"{name!r}" if name else f"column {place + 1}"
+        said.append(f"{shown} read as the {role} in {unit}")
+    completed_table = replace(table, header=tuple(header))
+    if not said:
+        return completed_table, ""
+    return completed_table, f"{' and '.join(said)}: {why}"
 
 
 def is_train(times: Floats) -> bool:
-    """Say whether numbers are times of touches in seconds: flights that a ball has, most of them
-    shorter than the one before.
+    """Say whether numbers, (n,), are times of touches in seconds: flights that a ball has, most of them
+    shorter than the one before. False for fewer than four; NaN are left out.
     """
     times = times[np.isfinite(times)]
     if len(times) < 4:
@@ -288,9 +320,13 @@ def is_sure_train(times: Floats) -> bool:
 
 
 def falls_with_g(times: Floats, heights: Floats) -> bool:
-    """Say whether a track falls with g in metres and seconds, upwards or downwards."""
+    """Say whether a track falls with g in metres and seconds, upwards or downwards.
+
+    times, heights: (n,). False for fewer than 12 rows with both, and for times that do not rise.
+    """
     given = np.isfinite(times) & np.isfinite(heights)
-    times, heights = times[given], heights[given]
+    times = times[given]
+    heights = heights[given]
     if len(times) < _LEAST_OF_FALL or (np.diff(times) <= 0).any():
         return False
     return abs(abs(seen_fall(times, heights)) / STANDARD_GRAVITY - 1.0) < _NEAR_G

@@ -8,14 +8,14 @@ import re
 import unicodedata
 from dataclasses import dataclass
 from datetime import datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from hcbench.fitting.column_names import is_unit, is_unit_of, plain_unit
 from hcbench.system.errors import UserError
 from hcbench.terms import units
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Sequence
+    from collections.abc import Collection, Iterator, Mapping, Sequence
 
 # Cells without a number.
 MISSING = {
@@ -76,80 +76,104 @@ class NumberStyle:
     def read(self, text: str) -> NumberCell | None:
         """The number in a cell: "0,5", "1.2E-3", "0.20 ± 0.01", "0.960(5)", "85 %", "31 cm", "1:02.5".
 
-        None for other text.
+        None for other text, and for a number that is not of this style.
         """
         text = _bare(text)
-        if (seconds := _seconds(text)) is not None:
+        seconds = _seconds(text)
+        if seconds is not None:
             return NumberCell(seconds, unit="s")
-        if (several := self._of_parts(text)) is not None:
-            return several
-        if (fraction := _fraction(text)) is not None:
-            return fraction
-        short = _SHORT.fullmatch(text.partition(" ")[0]) if "(" in text else None
-        if short is not None and short[1]:
-            value = self._float(short[1], "")
-            by = short[3].replace(",", ".")
-            unit = text.partition(" ")[2].strip()
-            return NumberCell(
-                value, float(by) * 10.0 ** (-len(short[2] or "") if "." not in by else 0), unit
-            )
+        # Forms of more than one number go before the one number that they begin with.
+        special = self._of_mixed_units(text) or _fraction(text) or self._with_digits_in_doubt(text)
+        if special is not None:
+            return special
         parts = _PLUS_MINUS.split(text.strip("()"))
         if len(parts) > 2:
             return None
-        number = _NUMBER.match(parts[0])
-        if number is None:
-            return None
-        value = self._float(number[1], number[2] or "")
-        tail = _TAIL.fullmatch(parts[0][number.end() :])
+        number = self._number_with_unit(parts[0])
         # A number beyond all bounds is one, for its reader to refuse: as text it would end the table.
-        if tail is None or math.isnan(value):
-            return None
-        unit = (tail[1] or "").strip()
-        if unit and not is_unit(unit):
+        if number is None or math.isnan(number.value) or (number.unit and not is_unit(number.unit)):
             return None
         if len(parts) == 1:
-            return NumberCell(value, unit=unit)
-        by_number = _NUMBER.match(parts[1])
-        if by_number is None:
+            return number
+        # "(0.20 ± 0.01) m" has its unit behind the bracket.
+        by = self._number_with_unit(parts[1], closed=True)
+        if by is None:
             return None
-        tail = _TAIL.fullmatch(parts[1][by_number.end() :].lstrip(")"))
+        return NumberCell(number.value, by.value, number.unit or by.unit)
+
+    def _number_with_unit(self, text: str, closed: bool = False) -> NumberCell | None:
+        """The number at the begin of a text, with the words behind it as its unit, whatever they mean.
+
+        closed: a closing bracket may stand between the two. None where there is no number, or where
+        more than a unit is behind it; the value is NaN for a number that is not of this style.
+        """
+        number = _NUMBER.match(text)
+        if number is None:
+            return None
+        behind = text[number.end() :]
+        tail = _TAIL.fullmatch(behind.lstrip(")") if closed else behind)
         if tail is None:
             return None
-        return NumberCell(
-            value, self._float(by_number[1], by_number[2] or ""), unit or (tail[1] or "").strip()
-        )
+        value = self._float(number[1], number[2] or "")
+        return NumberCell(value, unit=(tail[1] or "").strip())
 
-    def _of_parts(self, text: str) -> NumberCell | None:
-        """The sum of parts in smaller and smaller units, such as "6' 3.5\"", in the first one; else None."""
-        total, at, first, last = 0.0, 0, "", math.inf
+    def _with_digits_in_doubt(self, text: str) -> NumberCell | None:
+        """The number in "0.960(5) m", whose last digits are uncertain by 5; None for other text."""
+        first, _, unit = text.partition(" ")
+        short = _SHORT.fullmatch(first)
+        if short is None or not short[1]:
+            return None
+        number, decimals, by = short.groups()
+        # "0.960(5)" counts in the last digit, "9.60(0.05)" in the unit.
+        last_digit = 1.0 if re.search(r"[.,]", by) else 10.0 ** -len(decimals or "")
+        uncertainty = float(by.replace(",", ".")) * last_digit
+        return NumberCell(self._float(number, ""), uncertainty, unit.strip())
+
+    def _of_mixed_units(self, text: str) -> NumberCell | None:
+        """The sum of "6' 3.5\"" or "1 m 20 cm", in the unit of its first part.
+
+        None for other text, one number with a unit among it: each part has a smaller unit of the same
+        quantity than the part before.
+        """
         if not text:
             return None
+        total = 0.0
+        first_unit = ""
+        last_scale = math.inf
+        at = 0
         while at < len(text):
             part = _PART.match(text, at)
-            if part is None or (not at and part.end() == len(text)):
+            is_alone = part is not None and at == 0 and part.end() == len(text)
+            if part is None or is_alone:
                 return None
             unit = plain_unit(part[2])
             quantity = next((of for of in ("time", "position") if is_unit_of(unit, of)), "")
-            number = _fraction(part[1]) or NumberCell(self._float(part[1], ""))
-            if not quantity or (first and not is_unit_of(first, quantity)):
+            if not quantity or (first_unit and not is_unit_of(first_unit, quantity)):
                 return None
             scale = units.parse(f"1 {unit}", quantity, "unit")
-            if scale >= last:
+            if scale >= last_scale:
                 return None
-            first, last, at = first or unit, scale, part.end()
+            number = _fraction(part[1]) or NumberCell(self._float(part[1], ""))
             total += number.value * scale
-        return NumberCell(total / units.parse(f"1 {first}", quantity, "unit"), unit=first)
+            first_unit = first_unit or unit
+            last_scale = scale
+            at = part.end()
+        return NumberCell(total / units.parse(f"1 {first_unit}", quantity, "unit"), unit=first_unit)
 
     def _float(self, mantissa: str, exponent: str) -> float:
-        """A number of its parts; NaN where its signs are not of this style."""
+        """The value of a number as `_NUMBER` parts it, in the unit of its cell.
+
+        mantissa: with signs between thousands, if any. exponent: "e-3", "D-3", "x 10^-3" or "".
+        NaN where its signs are not of this style.
+        """
         for blank in _BLANKS:
             mantissa = mantissa.replace(blank, "")
         mantissa = mantissa.replace("−", "-")
-        other = "," if self.decimal == "." else "."
-        if other in mantissa:
-            if not _is_grouped(mantissa, other, self.decimal):
+        thousands = "," if self.decimal == "." else "."
+        if thousands in mantissa:
+            if not _is_grouped(mantissa, thousands, self.decimal):
                 return math.nan
-            mantissa = mantissa.replace(other, "")
+            mantissa = mantissa.replace(thousands, "")
         exponent = exponent.translate(_EXPONENT_SIGNS)
         if exponent and exponent[0] not in "eE":
             exponent = "e" + re.split(r"10", exponent, maxsplit=1)[1].strip(" ^*{}")
@@ -168,7 +192,7 @@ def _bare(text: str) -> str:
 
 
 def _fraction(text: str) -> NumberCell | None:
-    """The number in "47 1/4", "3/8 in" or "47¼"; None for other text."""
+    """The number in "47 1/4", "3/8 in" or "47¼", in its unit, "" for none; None for other text."""
     match = _FRACTION.match(text)
     if match is None:
         return None
@@ -181,7 +205,7 @@ def _fraction(text: str) -> NumberCell | None:
 
 
 def _seconds(text: str) -> float | None:
-    """Seconds of a clock's time or of a date with a time; None for other text."""
+    """Seconds of a clock's time, or of a date with a time since 1970; None for other text."""
     clock = _CLOCK.fullmatch(text)
     if clock is not None:
         hours, minutes, seconds, sign, part = clock.groups()
@@ -190,19 +214,17 @@ def _seconds(text: str) -> float | None:
         # After a colon stand hundredths or thousandths.
         fraction = float(f"0.{part}") if part else 0.0
         return 3600.0 * float(hours or 0) + 60.0 * float(minutes) + float(seconds) + fraction
-    if len(text) > 10 and text[4:5] in "-/" and text[:4].isdigit():
-        for form in (
-            text,
-            text.removesuffix(" UTC"),
-            text.replace("/", "-"),
-            text.replace(",", "."),
-        ):
-            try:
-                stamp = datetime.fromisoformat(form)
-            except ValueError:
-                continue
-            midnight = stamp.replace(hour=0, minute=0, second=0, microsecond=0)
-            return (stamp - midnight).total_seconds() + 86400.0 * (stamp.toordinal() - _EPOCH)
+    # "2024-05-03T10:14:07.2"
+    if len(text) <= 10 or text[4:5] not in "-/" or not text[:4].isdigit():
+        return None
+    forms = (text, text.removesuffix(" UTC"), text.replace("/", "-"), text.replace(",", "."))
+    for form in forms:
+        try:
+            stamp = datetime.fromisoformat(form)
+        except ValueError:
+            continue
+        midnight = stamp.replace(hour=0, minute=0, second=0, microsecond=0)
+        return (stamp - midnight).total_seconds() + 86400.0 * (stamp.toordinal() - _EPOCH)
     return None
 
 
@@ -243,76 +265,94 @@ def style_of(
     text around the table, which tell where the table does not.
     A file has one decimal sign. A comma before three digits may part thousands: then another number
     has to tell.
-    Raises UserError where none does.
+    Raises UserError for numbers with two decimal signs, and where no number tells which it is.
     """
-    of_decimal: dict[str, str] = {}
-    unclear: dict[str, list[tuple[int, str]]] = {",": [], ".": []}
-    for at, column in enumerate(columns):
-        for text in column:
-            for mantissa in _mantissas(text):
-                _sort_signs(mantissa, at, of_decimal, unclear)
-    if len(of_decimal) == 2:
-        raise UserError(
-            name,
-            f"{of_decimal[',']!r} and {of_decimal['.']!r}",
-            "one decimal sign in the file",
-            _ADVICE,
-        )
-    if not of_decimal and len(beside) == 1:
+    shown: dict[str, str] = {}
+    unclear: dict[str, list[_NumberAt]] = {",": [], ".": []}
+    for place, column in enumerate(columns):
+        for mantissa in itertools.chain.from_iterable(map(_mantissas, column)):
+            _sort_signs(mantissa, place, shown, unclear)
+    if len(shown) == 2:
+        raise _two_decimal_signs(name, shown[","], shown["."])
+    if not shown and len(beside) == 1:
         return NumberStyle(*beside)
-    if not of_decimal:
-        if unclear[","] and not unclear["."]:
-            number = unclear[","][0][1]
-            expected = f"{number.replace(',', '')} or {number.replace(',', '.')}, whichever it is"
-            raise UserError(name, repr(number), expected, _ADVICE)
+    if not shown:
         if unclear[","]:
-            got = f"{unclear[','][0][1]!r} and {unclear['.'][0][1]!r}"
-            raise UserError(name, got, "one decimal sign in the file", _ADVICE)
+            raise _unclear_style(name, unclear)
         return NumberStyle(".")
-    ((decimal, shown),) = of_decimal.items()
+    ((decimal, example),) = shown.items()
     thousands = "," if decimal == "." else "."
-    for at, number in unclear[thousands]:
-        if not any(_says_thousands(text, thousands, decimal) for text in columns[at]):
-            both = sorted((number, shown), key=lambda one: "," not in one)
-            got = f"{both[0]!r} and {both[1]!r}"
-            raise UserError(name, got, "one decimal sign in the file", _ADVICE)
+    for number in unclear[thousands]:
+        if not any(_says_thousands(text, thousands, decimal) for text in columns[number.column]):
+            with_comma, other = sorted(
+                (number.text, example), key=lambda mantissa: "," not in mantissa
+            )
+            raise _two_decimal_signs(name, with_comma, other)
     return NumberStyle(decimal)
 
 
-def _mantissas(text: str) -> Iterable[str]:
-    """The numbers in a cell, without their exponents; none in a clock's time."""
+class _NumberAt(NamedTuple):
+    """A number as written, without its exponent, and the place of its column, from 0."""
+
+    column: int
+    text: str
+
+
+def _two_decimal_signs(name: str, with_comma: str, other: str) -> UserError:
+    """The error for two numbers of a file that cannot have one decimal sign."""
+    got = f"{with_comma!r} and {other!r}"
+    return UserError(name, got, "one decimal sign in the file", _ADVICE)
+
+
+def _unclear_style(name: str, unclear: Mapping[str, Sequence[_NumberAt]]) -> UserError:
+    """The error for a file in which a comma may part thousands or be the decimal sign.
+
+    unclear: as of `_sort_signs`, with one number or more under ",".
+    """
+    number = unclear[","][0].text
+    if unclear["."]:
+        return _two_decimal_signs(name, number, unclear["."][0].text)
+    expected = f"{number.replace(',', '')} or {number.replace(',', '.')}, whichever it is"
+    return UserError(name, repr(number), expected, _ADVICE)
+
+
+def _mantissas(text: str) -> Iterator[str]:
+    """Yield the numbers in a cell without signs and exponents; none of a clock's time or "3/8"."""
     text = _bare(text)
     if _seconds(text) is not None or not looks_numeric(text):
         return
     if _fraction(text) is not None:
         return
     for part in _PLUS_MINUS.split(text):
-        number = _NUMBER.match(part.partition("(")[0] if part[:1] != "(" else part[1:])
+        # "0.960(5)" has its number before the bracket, "(0.20 ± 0.01)" behind it.
+        in_bracket = part[:1] == "("
+        number = _NUMBER.match(part[1:] if in_bracket else part.partition("(")[0])
         if number is not None:
             yield number[1].lstrip("-+−")
 
 
 def _sort_signs(
-    mantissa: str, at: int, of_decimal: dict[str, str], unclear: dict[str, list[tuple[int, str]]]
+    mantissa: str, column: int, shown: dict[str, str], unclear: dict[str, list[_NumberAt]]
 ) -> None:
-    """Add a number to those that tell the decimal sign, or to those that may part thousands.
+    """Add a number to those that show the decimal sign of a file, or to those that leave it open.
 
-    at: its column. of_decimal: {decimal sign: the first number that shows it}. unclear: {"." or ",":
-    [(column, number)] in which this sign may part thousands or be the decimal one}.
+    column: its place. shown: {decimal sign: the first number that shows it}. unclear: {"." or ",":
+    the numbers in which this sign may part thousands or be the decimal one}. Both are changed.
     """
     for blank in _BLANKS:
         mantissa = mantissa.replace(blank, "")
-    has = {sign for sign in ".," if sign in mantissa}
-    if len(has) == 2:
-        of_decimal.setdefault(max(".,", key=mantissa.rfind), mantissa)
+    signs = {sign for sign in ".," if sign in mantissa}
+    if len(signs) == 2:
+        # "1.234,5": the last one is the decimal one.
+        shown.setdefault(max(".,", key=mantissa.rfind), mantissa)
         return
-    for sign in has:
+    for sign in signs:
         if mantissa.count(sign) > 1:
-            of_decimal.setdefault("," if sign == "." else ".", mantissa)
+            shown.setdefault("," if sign == "." else ".", mantissa)
         elif re.fullmatch(rf"[1-9]\d{{0,2}}{re.escape(sign)}\d{{3}}", mantissa):
-            unclear[sign].append((at, mantissa))
+            unclear[sign].append(_NumberAt(column, mantissa))
         else:
-            of_decimal.setdefault(sign, mantissa)
+            shown.setdefault(sign, mantissa)
 
 
 def _says_thousands(text: str, thousands: str, decimal: str) -> bool:

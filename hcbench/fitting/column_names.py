@@ -275,6 +275,18 @@ def words_of_texts(meaning: str) -> tuple[str, ...]:
     return tuple(folded(word) for words in _table()[meaning].values() for word in words)
 
 
+def has_word_of(text: str, meaning: str) -> bool:
+    """Say whether a word of a text begins as one of a fact does: "rebounded" as "rebound".
+
+    text: `folded`. meaning: a key of words.toml, such as "rose"; some of its words are phrases.
+    """
+    return any(
+        # After a letter, "go" is a part of another word: "cargo".
+        re.search(rf"(?<![^\W\d_]){re.escape(word)}", text)
+        for word in words_of_texts(meaning)
+    )
+
+
 @cache
 def ordinals() -> list[tuple[str, int]]:
     """Begins of words that count, `folded`, and the number each stands for: ("zweit", 2)."""

@@ -57,7 +57,10 @@ class DataColumns:
     assumed: str = ""
 
     def get(self, role: str) -> Floats:
-        """A column of the file."""
+        """A column of the file in SI, (n,); "time" also of frames that are counted, s.
+
+        role: one of `roles`, or "u_" and a role. Raises UserError for a cell that is not a number.
+        """
         bare = role.removeprefix("u_")
         if role == "time" and role not in self.places:
             return self._counted_time()
@@ -84,7 +87,11 @@ class DataColumns:
         return frozenset(found)
 
     def uncertainty(self, role: str) -> Floats:
-        """The standard uncertainties of a column, 0 where none are given."""
+        """The standard uncertainties of a column, SI, (n,), 0 where none are given.
+
+        They stand in a column of their own, or in the cells, as in "0.20 ± 0.01".
+        Raises UserError for one below 0.
+        """
         name = f"u_{role}"
         if name not in self.places:
             return self.table.uncertainty(self.places[role], QUANTITY_OF[role])
@@ -93,13 +100,17 @@ class DataColumns:
         return values
 
     def require(self, role: str, good: ArrayLike, expected: str) -> None:
-        """Raise UserError for the first row that is not good."""
+        """Raise UserError for the first row that is not good, with its line and its cell.
+
+        good: (n,), True for each row that is. A role without a column of its own has no cell to
+        show, and is not refused.
+        """
         bad = np.flatnonzero(~np.asarray(good, dtype=bool))
         if bad.size and role in self.places:
-            i = int(bad[0])
-            cell = cell_of(self.table.cells[i], self.places[role]).strip()
+            row = int(bad[0])
+            cell = cell_of(self.table.cells[row], self.places[role]).strip()
             name = self.table.header[self.places[role]][0]
-            where = f"{self.table.name}, line {self.table.lines[i]}"
+            where = f"{self.table.name}, line {self.table.lines[row]}"
             raise UserError(where, f"{name} {cell}", expected)
 
     def taken(self, rows: Iterable[int]) -> DataColumns:
@@ -113,6 +124,22 @@ class DataColumns:
         return replace(self, table=table)
 
 
+@dataclass(frozen=True, slots=True)
+class _ColumnsByName:
+    """The columns of a table, each by its place from 0, sorted by what their names tell.
+
+    roles: {role: places of its columns}.
+    unknown: columns of numbers under a name without a role, which may change what the others mean.
+    counting: those of `unknown` that count the rows.
+    naming: columns with a text of its own in each row, such as "person": rows may be no bounces.
+    """
+
+    roles: dict[str, list[int]]
+    unknown: list[int]
+    counting: list[int]
+    naming: list[int]
+
+
 def columns_of(table: Table, asked: str | None = None) -> DataColumns:
     """Identify the columns by the names in the header; columns that do not concern bounces are left
     out.
@@ -124,48 +151,73 @@ def columns_of(table: Table, asked: str | None = None) -> DataColumns:
     the only known one means: beside times whose flights do not shrink, and heights that no column
     counts.
     """
-    roles: dict[str, list[int]] = {}
-    unknown: list[int] = []
-    # Columns that say what the rows are, by numbers or by words, such as "person": bounces have
-    # other names.
-    of_rows: list[int] = []
-    of_things: list[int] = []
-    for i, (name, unit) in enumerate(table.header):
-        role = role_of(name, unit)
-        cells = table.texts(i)
-        if not table.has_number(i) and (not role or not any(table.is_given(i))):
-            _require_one_ball(table, i)
-            if name and not is_beside(name) and len(set(cells)) == len(cells) > _LEAST_NAMED:
-                of_things.append(i)
-        elif role:
-            roles.setdefault(role, []).append(i)
-        elif (not is_beside(name) or _is_of_trial(name)) and (name or not counts(cells)):
-            # pandas gives the index of the rows no name.
-            unknown.append(i)
-            of_rows += [i] if counts(cells) else []
-    _leave_counters(table, roles)
-    table = _with_lone_uncertainty(table, roles, unknown)
-    _part_numbered(table, roles)
-    _part_by_others(table, roles)
+    named = _columns_by_name(table)
+    roles = named.roles
+    _leave_out_counters(table, roles)
+    table = _with_lone_uncertainty(table, roles, named.unknown)
+    _take_as_before_and_after(table, roles)
+    _take_by_others(table, roles)
     places: dict[str, int] = {}
-    for role, at in roles.items():
-        places[role] = at[0] if len(at) == 1 else _one_of(table, role, at, roles)
+    for role, several in roles.items():
+        places[role] = _column_to_take(table, role, roles) if len(several) > 1 else several[0]
     columns = DataColumns(table, places)
+    _require_no_other_meaning(columns, named, asked)
+    return columns
+
+
+def _columns_by_name(table: Table) -> _ColumnsByName:
+    """Sort the columns of a table by their names. Raises UserError for a text that names several balls."""
+    found = _ColumnsByName({}, [], [], [])
+    for place, (name, unit) in enumerate(table.header):
+        role = role_of(name, unit)
+        cells = table.texts(place)
+        is_text = not table.has_number(place)
+        # A column of data may be empty, to be refused later.
+        if is_text and not (role and any(table.is_given(place))):
+            _require_one_ball(table, place)
+            differs = len(set(cells)) == len(cells) > _LEAST_NAMED
+            if name and not is_beside(name) and differs:
+                found.naming.append(place)
+        elif role:
+            found.roles.setdefault(role, []).append(place)
+        elif is_beside(name) and not _is_of_trial(name):
+            continue
+        # pandas gives the index of the rows no name.
+        elif name or not counts(cells):
+            found.unknown.append(place)
+            if counts(cells):
+                found.counting.append(place)
+    return found
+
+
+def _require_no_other_meaning(
+    columns: DataColumns, named: _ColumnsByName, asked: str | None
+) -> None:
+    """Raise UserError where a column that is not understood may change what the known ones mean.
+
+    named: the columns by name, less those that the known ones explain.
+    asked: the kind of data, where the user says it.
+    """
+    table = columns.table
     kind = asked or kind_of(columns.roles)
+    unknown = named.unknown
+    others = named.counting
     if kind == "heights":
-        unknown, of_rows = unknown + of_things, of_rows + of_things
-    is_doubtful = kind is None or (
-        kind in _ALONE and kind != asked and (of_rows or not _is_sure(columns, unknown))
-    )
-    nameless = [i for i in unknown if not table.header[i][0]]
-    if nameless:
+        # "person, height": the height of each person.
+        unknown = unknown + named.naming
+        others = others + named.naming
+    if not all(table.header[place][0] for place in unknown):
         # More numbers in a row than names, such as two for "1,5": which is whose cannot be told.
         advice = "Name each column, and write 1.5 or put semicolons between the cells"
         raise UserError(table.name, "a column without a name", EXPECTED_COLUMNS, advice)
+    is_of_one_column = kind in _ALONE and kind != asked
+    is_doubtful = kind is None or (
+        is_of_one_column and (bool(others) or not _is_surely_of_bounces(columns, unknown))
+    )
     if unknown and is_doubtful:
         got = f"a column {table.header[unknown[0]][0]!r}"
-        raise UserError(table.name, got, EXPECTED_COLUMNS, _advice(table, roles, unknown))
-    return columns
+        advice = _advice_on_unknown(table, named.roles, unknown)
+        raise UserError(table.name, got, EXPECTED_COLUMNS, advice)
 
 
 def _is_of_trial(name: str) -> bool:
@@ -174,15 +226,19 @@ def _is_of_trial(name: str) -> bool:
     return "trial" in found and any(map(str.isdigit, found))
 
 
-def _advice(table: Table, roles: dict[str, list[int]], unknown: list[int]) -> str:
+def _advice_on_unknown(table: Table, roles: dict[str, list[int]], unknown: list[int]) -> str:
     """Advice on columns with unknown names: the kind to ask for, where one of them may be the data.
 
-    roles: {role: numbers of its columns}. unknown: numbers of the columns with unknown names.
+    roles: {role: places of its columns}. unknown: places of the columns with unknown names.
     """
-    if any(_is_of_trial(table.header[i][0]) for i in unknown):
+    if any(_is_of_trial(table.header[place][0]) for place in unknown):
         return "Name each column by what it has too, such as 'rebound height, trial 1 [cm]'"
-    gates = [i for i in unknown if is_unit_of(table.unit_of(i, "time"), "time")]
-    if len({part for i in gates for part in meanings_of(table.header[i][0]) & _SIDES}) > 1:
+    # Light gates: the time in which the ball passes one on its way down, and on its way up.
+    sides: set[str] = set()
+    for place in unknown:
+        if is_unit_of(table.unit_of(place, "time"), "time"):
+            sides |= meanings_of(table.header[place][0]) & _SIDES
+    if len(sides) > 1:
         return (
             "Write speeds, such as a width over the time that it takes, as v_in [m/s],v_out [m/s]"
         )
@@ -229,57 +285,74 @@ def row_order(columns: DataColumns) -> Indices | None:
 
 
 def _numbers_of_rows(columns: DataColumns) -> Iterator[tuple[str, Floats]]:
-    """(name, numbers) of each column beside the data that gives each row a whole number of its own."""
+    """Yield (name, numbers (n,)) of each column that gives each row a whole number of its own.
+
+    Data, columns with a unit, and times of the clock number nothing.
+    """
     table = columns.table
-    for at, (name, unit) in enumerate(table.header):
-        is_data = at in {columns.places[role] for role in columns.roles & columns.places.keys()}
-        if unit or is_data or any(":" in text for text in table.texts(at)):
+    places_of_data = {columns.places[role] for role in columns.roles & columns.places.keys()}
+    for place, (name, unit) in enumerate(table.header):
+        if unit or place in places_of_data or any(":" in text for text in table.texts(place)):
             continue
-        numbers = table.numbers(at)
+        numbers = table.numbers(place)
         is_whole = bool(np.isfinite(numbers).all()) and np.array_equal(numbers, np.round(numbers))
         if is_whole and len(set(numbers.tolist())) == len(numbers):
             yield name, numbers
 
 
-def _require_one_ball(table: Table, at: int) -> None:
+def _require_one_ball(table: Table, place: int) -> None:
     """Raise UserError where a column of text names several balls or plates."""
-    if not is_group(table.header[at][0]):
+    if not is_group(table.header[place][0]):
         return
-    named = list(dict.fromkeys(cell for row in table.cells if (cell := cell_of(row, at))))
-    if len(named) > 1:
-        got = f"{len(named)} of {table.header[at][0]!r}: {', '.join(named[:3])}"
+    cells = (cell_of(row, place) for row in table.cells)
+    balls = list(dict.fromkeys(filter(None, cells)))
+    if len(balls) > 1:
+        got = f"{len(balls)} of {table.header[place][0]!r}: {', '.join(balls[:3])}"
         raise UserError(table.name, got, "one ball on one plate", "Put each into a file of its own")
 
 
-def _is_sure(columns: DataColumns, unknown: Sequence[int]) -> bool:
-    """Say whether a column alone is of bounces beside any other: times that are a train of them, or
-    heights whose bounces are counted, where all that is unknown falls along with them.
+def _is_surely_of_bounces(columns: DataColumns, unknown: Sequence[int]) -> bool:
+    """Say whether one column is of bounces, whatever the unknown ones are: times that are a train of
+    them, or heights whose bounces are counted, where all that is unknown falls along with them.
+
+    unknown: places of the columns that are not understood.
     """
     table = columns.table
-    for role in {"time", "interval"} & columns.places.keys():
-        at = columns.places[role]
-        numbers = table.in_unit(at, "time") if table.unit_of(at, "time") else table.numbers(at)
-        return is_sure_train(np.cumsum([0.0, *numbers]) if role == "interval" else numbers)
-    falling = all((np.diff(table.numbers(i)) < 0).all() for i in unknown)
-    return falling and any(
-        numbers_bounces(name) and counts(table.texts(i)) for i, (name, _) in enumerate(table.header)
+    for role in ("time", "interval"):
+        place = columns.places.get(role)
+        if place is None:
+            continue
+        in_si = bool(table.unit_of(place, "time"))
+        numbers = table.in_unit(place, "time") if in_si else table.numbers(place)
+        if role == "interval":
+            numbers = np.cumsum([0.0, *numbers])
+        return is_sure_train(numbers)
+    all_fall = all((np.diff(table.numbers(place)) < 0).all() for place in unknown)
+    return all_fall and any(
+        numbers_bounces(name) and counts(table.texts(place))
+        for place, (name, _) in enumerate(table.header)
     )
 
 
-def _leave_counters(table: Table, roles: dict[str, list[int]]) -> None:
+def _leave_out_counters(table: Table, roles: dict[str, list[int]]) -> None:
     """Leave out columns such as "interval" that count the rows, beside others that have a unit or do
     not count.
 
-    roles: {role: numbers of its columns}, changed in place.
+    roles: {role: places of its columns}, changed in place. Nothing changes where all columns count.
     """
-    of_data = {role: at for role, at in roles.items() if role in QUANTITY_OF}
-    kept = {
-        role: [i for i in at if table.unit_of(i, QUANTITY_OF[role]) or not counts(table.texts(i))]
-        for role, at in of_data.items()
-    }
-    for role in of_data if any(kept.values()) else ():
-        roles[role] = kept[role]
-        if not kept[role]:
+    kept: dict[str, list[int]] = {}
+    for role in roles.keys() & QUANTITY_OF.keys():
+        quantity = QUANTITY_OF[role]
+        kept[role] = [
+            place
+            for place in roles[role]
+            if table.unit_of(place, quantity) or not counts(table.texts(place))
+        ]
+    if not any(kept.values()):
+        return
+    for role, places in kept.items():
+        roles[role] = places
+        if not places:
             del roles[role]
 
 
@@ -287,39 +360,58 @@ def _with_lone_uncertainty(table: Table, roles: dict[str, list[int]], unknown: l
     """The table with the unit of the column before in each column that is named "SD" or "±" alone:
     it is the uncertainty of that column.
 
-    roles: {role: numbers of its columns}. unknown: numbers of the columns without a role.
+    roles: {role: places of its columns}. unknown: places of the columns without a role. Such a column
+    gets a role, "u_height", and is no more unknown: both are changed in place.
     """
     header = list(table.header)
-    for i in [i for i in unknown if meanings_of(header[i][0]) == {"uncertainty"}]:
-        of = next((role for role, at in roles.items() if i - 1 in at and role in QUANTITY_OF), "")
-        unit = header[i][1] or table.unit_of(i - 1, QUANTITY_OF[of]) if of else ""
-        if of and f"u_{of}" not in roles and (not unit or is_unit_of(unit, QUANTITY_OF[of])):
-            header[i] = (header[i][0], unit)
-            roles[f"u_{of}"] = [i]
-            unknown.remove(i)
+    lone = [place for place in unknown if meanings_of(header[place][0]) == {"uncertainty"}]
+    for place in lone:
+        before = (
+            role for role, places in roles.items() if place - 1 in places and role in QUANTITY_OF
+        )
+        role = next(before, "")
+        if not role or f"u_{role}" in roles:
+            continue
+        name, unit = header[place]
+        unit = unit or table.unit_of(place - 1, QUANTITY_OF[role])
+        if unit and not is_unit_of(unit, QUANTITY_OF[role]):
+            continue
+        header[place] = (name, unit)
+        roles[f"u_{role}"] = [place]
+        unknown.remove(place)
     return replace(table, header=tuple(header))
 
 
-def _part_numbered(table: Table, roles: dict[str, list[int]]) -> None:
-    """Take two columns that differ by a number, such as h1 and h2, for before and after the impact."""
+def _take_as_before_and_after(table: Table, roles: dict[str, list[int]]) -> None:
+    """Take two columns that differ by a number, such as h1 and h2, for before and after the impact.
+
+    roles: {role: places of its columns}, changed in place. Numbers of trials, "height, trial 2", part
+    nothing.
+    """
     for role in ("height", "speed"):
-        at = roles.get(role, [])
-        names = [table.header[i][0] for i in at]
-        found = [[*filter(str.isdigit, meanings_of(one))] for one in names]
-        numbered = sorted(
-            (int(digits[0]), i) for digits, i in zip(found, at, strict=True) if digits
-        )
-        is_again = any(map(_is_of_trial, names))
-        if len(numbered) == len(at) == 2 and numbered[1][0] - numbered[0][0] == 1 and not is_again:
+        places = roles.get(role, [])
+        names = [table.header[place][0] for place in places]
+        if len(places) != 2 or any(map(_is_of_trial, names)):
+            continue
+        numbered = []
+        for name, place in zip(names, places, strict=True):
+            digits = [int(meaning) for meaning in meanings_of(name) if meaning.isdigit()]
+            if digits:
+                numbered.append((min(digits), place))
+        if len(numbered) != 2:
+            continue
+        (first, before), (second, after) = sorted(numbered)
+        if second - first == 1:
             del roles[role]
-            roles |= {f"{role}_in": [numbered[0][1]], f"{role}_out": [numbered[1][1]]}
+            roles[f"{role}_in"] = [before]
+            roles[f"{role}_out"] = [after]
 
 
-def _part_by_others(table: Table, roles: dict[str, list[int]]) -> None:
-    """Take columns for what they mean beside the others: a height beside that of the drop is one of a
-    rebound.
+def _take_by_others(table: Table, roles: dict[str, list[int]]) -> None:
+    """Give columns the roles that they have beside the others: a height beside that of the drop is one
+    of a rebound, and x beside a force is the penetration.
 
-    roles: {role: numbers of its columns}, changed in place.
+    roles: {role: places of its columns}, changed in place.
     """
     is_film = bool({"time", "frame", "sample"} & roles.keys())
     if "height_in" in roles and "height" in roles and "height_out" not in roles and not is_film:
@@ -329,57 +421,77 @@ def _part_by_others(table: Table, roles: dict[str, list[int]]) -> None:
     if "speed" in roles and "speed_out" in roles and "speed_in" not in roles:
         roles["speed_in"] = roles.pop("speed")
     if "force" in roles and "penetration" not in roles:
-        sideways = [i for i, (name, _) in enumerate(table.header) if meanings_of(name) == {"x"}]
-        if sideways:
-            roles["penetration"] = sideways
+        named_x = [i for i, (name, _) in enumerate(table.header) if meanings_of(name) == {"x"}]
+        if named_x:
+            roles["penetration"] = named_x
     if "height" in roles and "force" not in roles:
         # The place of the ball sideways.
         roles.pop("penetration", None)
 
 
-def _one_of(table: Table, role: str, at: list[int], roles: dict[str, list[int]]) -> int:
-    """The column to take of several with one role: any of equal ones, and the height that falls freely.
+def _column_to_take(table: Table, role: str, roles: dict[str, list[int]]) -> int:
+    """The place of the column to take of several with one role: any of equal ones, the height that
+    falls freely, and the time that rises.
 
-    at: numbers of the several. roles: {role: numbers of its columns}. Raises UserError where they differ.
+    roles: {role: places of its columns}. Raises UserError where they differ.
     """
+    places = roles[role]
     clock = next((roles[one][0] for one in ("time", "frame", "sample") if one in roles), None)
     if role == "height" and clock is not None:
-        upright = [
-            i for i in at if meanings_of(table.header[i][0]) & {"z", "y", "vertical", "height"}
-        ]
-        falling = [i for i in upright or at if _falls(table, clock, i)]
+        falling = _falling_columns(table, clock, places)
         if len(falling) == 1:
             return falling[0]
-    if role in QUANTITY_OF or role.removeprefix("u_") in QUANTITY_OF:
-        quantity = QUANTITY_OF[role.removeprefix("u_")]
-        rising = [i for i in at if (np.diff(table.numbers(i)) > 0).all()]
-        if role == "time" and len(rising) == 1:
-            # Beside the times of flights.
-            return rising[0]
+    if role in ("frame", "sample"):
+        return places[0]
+    quantity = QUANTITY_OF.get(role.removeprefix("u_"))
+    if quantity is not None:
         if role == "time":
-            # Of a message, the time of measuring, and not that of its arrival.
-            at = sorted(at, key=lambda i: "stamp" not in table.header[i][0])
-        if all(_are_same(table, quantity, a, b) for a, b in itertools.pairwise(at)):
-            return at[0]
-    elif role in ("frame", "sample"):
-        return at[0]
+            rising = [i for i in places if (np.diff(table.numbers(i)) > 0).all()]
+            if len(rising) == 1:
+                # Beside the times of flights.
+                return rising[0]
+            # Of a message of ROS, the time of measuring, and not that of its arrival.
+            places = sorted(places, key=lambda place: "stamp" not in table.header[place][0])
+        if all(_are_same(table, quantity, a, b) for a, b in itertools.pairwise(places)):
+            return places[0]
     raise UserError(table.name, f"two columns of {role.replace('u_', 'uncertainty of ')}", "one")
 
 
+def _falling_columns(table: Table, clock: int, places: Sequence[int]) -> list[int]:
+    """Those of several columns that fall freely over time: of the upright ones, where names tell them.
+
+    clock: place of the time. A track has a column for each direction.
+    """
+    upright = [
+        place
+        for place in places
+        if meanings_of(table.header[place][0]) & {"z", "y", "vertical", "height"}
+    ]
+    return [place for place in upright or places if _falls(table, clock, place)]
+
+
 def _are_same(table: Table, quantity: str, a: int, b: int) -> bool:
-    """Say whether two columns are one quantity in two units or from two zeros of time."""
+    """Say whether the columns at two places are one quantity in two units, or times from two zeros.
+
+    False where one has a cell that is not a number, or no unit.
+    """
     try:
-        one, other = table.column(a, quantity), table.column(b, quantity)
+        one = table.column(a, quantity)
+        other = table.column(b, quantity)
     except UserError:
         return False
     if quantity == "time":
-        one, other = one - one[0], other - other[0]
+        one = one - one[0]
+        other = other - other[0]
     return bool(np.allclose(one, other, rtol=_SAME, atol=_SAME * float(np.ptp(one))))
 
 
-def _falls(table: Table, time: int, height: int) -> bool:
-    """Say whether a column of places falls freely over time, whatever its unit."""
-    times, heights = table.numbers(time), table.numbers(height)
+def _falls(table: Table, clock: int, place: int) -> bool:
+    """Say whether a column falls freely over the one of the time, whatever its unit; rows without a
+    number in both are left out.
+    """
+    times = table.numbers(clock)
+    heights = table.numbers(place)
     given = np.isfinite(times) & np.isfinite(heights)
     if given.sum() < 2 or (np.diff(times[given]) <= 0).any():
         return False

@@ -13,6 +13,7 @@ from hcbench.fitting.column_names import folded, is_unit, words_of_texts
 from hcbench.fitting.setup import MeasurementSetup
 from hcbench.fitting.table import cell_of
 from hcbench.system.errors import UserError
+from hcbench.terms.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -35,7 +36,7 @@ _GRAVITY = rf"(?:{_SIGNS}{_VECTOR}(?:\s*{_UNIT})?|[^\d\n]{{0,40}}?(?<!\w)({_NUMB
 # "g = 1.62", or first in its line; of "mass, g: 45" it is the unit.
 _LETTER = r"(?<![\w/])(?<!\d )g(?=\s*[=≈])|(?:^|(?<=[{\"']))[\s#*-]*g(?=[\"'\s]*[=:\[(])"
 # Without a unit, that of the Earth in m/s², cm/s², ft/s², and in g.
-_OF_EARTH = (1.0, 1e-2, 0.3048, 9.80665)
+_OF_EARTH = (1.0, 1e-2, 0.3048, STANDARD_GRAVITY)
 # Share by which gravity may differ without a word: latitudes differ by 0.7 %.
 _NEAR = 0.01
 _ALONG = "Give the part of gravity along the track, g sin(angle), such as --gravity '0.26 m/s^2'"
@@ -110,58 +111,94 @@ def require_usual_fall(
 ) -> None:
     """Raise UserError where a file names a gravity, a tilt, a throw or a motion of the plate that would
     change the answer. A user who gives --gravity has looked.
+
+    sheets: of the file, whose texts are searched. found: its data sets, one or more, with their
+    columns: which facts matter depends on the kind of data.
     """
-    is_dropped = any("height_in" in columns.places for columns, _ in found)
-    is_open = setup.gravity == MeasurementSetup().gravity
-    falls = is_open and (is_dropped or any(data.needs_gravity for _, data in found))
-    counts = dict.fromkeys(("gravity", "tilt", "track"), falls)
-    counts["throw"] = is_dropped or setup.height is not None
-    # Pairs may be of any impact, one by one.
-    counts["driven ball"] = any(data.needs_gravity for _, data in found)
-    for fact in ("stairs", "other motion", "rolled off"):
-        counts[fact] = counts["driven ball"]
-    # Several drops are begun anew each.
-    counts["begun anew"] = counts["driven ball"] and len(found) == 1
-    # A track may be of any point of the ball.
-    counts["upper edge"] = is_dropped or any(data.kind == "heights" for _, data in found)
-    # Bounces that are numbered may be left out.
-    counts["left out"] = any(
-        data.needs_gravity and getattr(data, "numbers", None) is None for _, data in found
-    )
-    lines = [one.text or "\n".join("\t".join(cells) for _, cells in one.rows) for one in sheets]
-    for table in (columns.table for columns, _ in found):
-        first = table.cells[0]
-        lines += [f"{name} [{u}]: {cell_of(first, i)}" for i, (name, u) in enumerate(table.header)]
-    text = "\n".join(lines)
-    # Speeds relative to the plate tell its motion already.
-    counts["moving plate"] = counts["driven ball"] or not _RELATIVE.search(text.casefold())
-    for fact, said in _said(text, setup.gravity.value):
-        if counts[fact]:
+    text = _text_about(sheets, [columns for columns, _ in found])
+    matters = _facts_that_matter(text, found, setup)
+    for fact, words in _facts_in(text, setup.gravity.value):
+        if fact not in matters:
+            continue
+        got = f"{words!r} in {found[0][0].table.name}"
+        if fact == "gravity":
             used = f"{setup.gravity.value:.2f} m/s^2, which is used without --gravity"
-            advice = f"Give the gravity that counts, such as --gravity '{said}'"
-            _, expected, advice = _FACTS.get(fact, ("", used, advice))
-            raise UserError(fact, f"{said!r} in {found[0][0].table.name}", expected, advice)
+            advice = f"Give the gravity that counts, such as --gravity '{words}'"
+            raise UserError(fact, got, used, advice)
+        _, expected, advice = _FACTS[fact]
+        raise UserError(fact, got, expected, advice)
 
 
-def _said(text: str, gravity: float) -> Iterator[tuple[str, str]]:
-    """Facts in a text, with its words; a gravity (m/s²) that differs from this one, as text."""
+def _text_about(sheets: Sequence[Sheet], found: Sequence[DataColumns]) -> str:
+    """The text of a file, and below it a line "name [unit]: first cell" for each column that is read."""
+    lines = [
+        sheet.text or "\n".join("\t".join(cells) for _, cells in sheet.rows) for sheet in sheets
+    ]
+    for columns in found:
+        table = columns.table
+        for place, (name, unit) in enumerate(table.header):
+            lines.append(f"{name} [{unit}]: {cell_of(table.cells[0], place)}")
+    return "\n".join(lines)
+
+
+def _facts_that_matter(
+    text: str, found: Sequence[tuple[DataColumns, Dataset]], setup: MeasurementSetup
+) -> set[str]:
+    """The facts that would change the answer: "gravity", and keys of _FACTS.
+
+    text: of the file. found: its data sets with their columns. setup: what the user gives.
+    """
+    has_flights = any(data.needs_gravity for _, data in found)
+    has_drop_heights = any("height_in" in columns.places for columns, _ in found)
+    matters = set()
+    is_gravity_open = setup.gravity == MeasurementSetup().gravity
+    if is_gravity_open and (has_drop_heights or has_flights):
+        matters |= {"gravity", "tilt", "track"}
+    if has_drop_heights or setup.height is not None:
+        matters.add("throw")
+    # Pairs may be of any impact, one by one.
+    if has_flights:
+        matters |= {"driven ball", "stairs", "other motion", "rolled off"}
+    # Several drops are begun anew each.
+    if has_flights and len(found) == 1:
+        matters.add("begun anew")
+    # A track may be of any point of the ball.
+    if has_drop_heights or any(data.kind == "heights" for _, data in found):
+        matters.add("upper edge")
+    # Bounces that are numbered may be left out.
+    if any(data.needs_gravity and getattr(data, "numbers", None) is None for _, data in found):
+        matters.add("left out")
+    # Speeds relative to the plate tell its motion already.
+    if has_flights or not _RELATIVE.search(text.casefold()):
+        matters.add("moving plate")
+    return matters
+
+
+def _facts_in(text: str, gravity: float) -> Iterator[tuple[str, str]]:
+    """Yield (fact, words of the text that tell it) for each fact that a text tells and does not deny.
+
+    text: of a file. gravity: m/s²; another one in the text is the fact "gravity", and its words are
+    the value in m/s². The other facts are keys of _FACTS.
+    """
     lines = text.splitlines()
     text = "\n".join(line.casefold() if line.isascii() else folded(line) for line in lines)
     for match in _pattern("gravity").finditer(text):
-        if said := _other_gravity(match, gravity):
-            yield "gravity", said
+        if other := _other_gravity(match, gravity):
+            yield "gravity", other
+    # The tilt of a camera is none of the plate's.
     text = _of_cameras().sub(" ", text)
     for fact in _FACTS:
-        if any(word in text for word in words_of_texts(fact)):
-            for match in _pattern(fact).finditer(text):
-                after = _AT_THE_END if fact in _SENTENCES else _NOT_AFTER
-                is_over = fact == "rolled off" and _is_after_all(match)
-                if fact not in _DENIED or not (is_over or _is_denied(match, after)):
-                    yield fact, _line_of(match) if fact in _SENTENCES else match[0].strip()
+        if not any(word in text for word in words_of_texts(fact)):
+            # A search for a word is far faster than one for its pattern.
+            continue
+        for match in _pattern(fact).finditer(text):
+            if not _is_denied(fact, match):
+                yield fact, _line_of(match) if fact in _SENTENCES else match[0].strip()
     moves = (*words_of_texts("moving"), "moved", *words_of_texts("shaker"))
-    for match in _moving_plate().finditer(text) if any(word in text for word in moves) else ():
-        if not _is_denied(match, _NOT_AFTER):
-            yield "moving plate", match[0]
+    if any(word in text for word in moves):
+        for match in _moving_plate().finditer(text):
+            if not _has_denial(match, _NOT_AFTER):
+                yield "moving plate", match[0]
 
 
 def _is_after_all(match: re.Match[str]) -> bool:
@@ -178,13 +215,27 @@ def _line_of(match: re.Match[str]) -> str:
     return match.string[begin:].partition("\n")[0].strip('#%/!; \t"{},')
 
 
-def _is_denied(match: re.Match[str], after: re.Pattern[str]) -> bool:
+def _is_denied(fact: str, match: re.Match[str]) -> bool:
+    """Say whether the words around those of a fact deny it, or tell that it came after all readings.
+
+    fact: a key of _FACTS; only those of _DENIED are ever denied.
+    """
+    if fact not in _DENIED:
+        return False
+    if fact == "rolled off" and _is_after_all(match):
+        return True
+    return _has_denial(match, _AT_THE_END if fact in _SENTENCES else _NOT_AFTER)
+
+
+def _has_denial(match: re.Match[str], after: re.Pattern[str]) -> bool:
     """Say whether the words around a match deny it: "no shaker", "shaker off".
 
     after: words behind the match that do.
     """
-    before = _NOT_BEFORE.search(match.string[: match.start()].rpartition("\n")[2])
-    return bool(before or after.match(match.string, match.end()))
+    line_before = match.string[: match.start()].rpartition("\n")[2]
+    if _NOT_BEFORE.search(line_before):
+        return True
+    return after.match(match.string, match.end()) is not None
 
 
 @cache
@@ -236,23 +287,32 @@ def _pattern(fact: str) -> re.Pattern[str]:
 
 
 def _other_gravity(match: re.Match[str], gravity: float) -> str:
-    """A gravity with its unit where it is another one than `gravity` (m/s²); "" where it is that."""
-    before, opening, first, after, alone, last = match.groups()
-    numbers = [
-        one.replace("−", "-").replace(",", ".") for one in re.findall(_NUMBER, first or alone)
-    ]
+    """A gravity in a text, as "1.62 m/s^2", where it is another one than `gravity` (m/s²); else "".
+
+    match: of `_pattern("gravity")`. Of a vector the size counts. A number without a unit may be in
+    m/s², cm/s², ft/s² or g: it is another gravity where none of these makes it the given one.
+    """
+    unit_before, opening, after_sign, unit_after, after_words, unit_of_words = match.groups()
+    texts = re.findall(_NUMBER, after_sign or after_words)
+    numbers = [text.replace("−", "-").replace(",", ".") for text in texts]
     values = list(map(float, numbers))
     is_vector = len(values) > 1 and (bool(opening.strip()) or 0.0 in values)
     value = math.hypot(*values) if is_vector else abs(values[0])
-    length = before or after or last
+    length = unit_before or unit_after or unit_of_words
     word = re.match(r"[ \t]?([^\W\d_]+)", match.string[match.end() :])
-    if not length and word and word[1] != "g" and is_unit(word[1]):
+    is_in_g = word is not None and word[1] == "g"
+    if length:
+        scales: Sequence[float] = (_LENGTHS[length],)
+    elif is_in_g:
+        scales = (STANDARD_GRAVITY,)
+    elif word and is_unit(word[1]):
         # "center of gravity 12 mm"
         return ""
-    scales = (
-        (_LENGTHS[length],) if length else _OF_EARTH[-1:] if word and word[1] == "g" else _OF_EARTH
-    )
-    rounding = 0.5 * 10.0 ** -len(numbers[-1 if is_vector else 0].partition(".")[2])
-    if any(abs(value * s - gravity) <= max(_NEAR * gravity, rounding * s) for s in scales):
-        return ""
+    else:
+        scales = _OF_EARTH
+    decimals = numbers[-1 if is_vector else 0].partition(".")[2]
+    rounding = 0.5 * 10.0 ** -len(decimals)
+    for scale in scales:
+        if abs(value * scale - gravity) <= max(_NEAR * gravity, rounding * scale):
+            return ""
     return f"{value * scales[0]:.5g} m/s^2"

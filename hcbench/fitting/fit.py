@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -87,6 +87,9 @@ def fit(sets: Sequence[Dataset], law: str = "auto") -> FitResult:
 class _Fitted:
     """All laws on some data sets.
 
+    fits: by the law's name.
+    widths: per data set (m,), how much wider than s_e each of its m values of e scatters.
+    flags: touches that stand out.
     impacts: those that count little, where outliers were looked for.
     changes: of the table, in words, where it is not read as it stands.
     rival: the same in another reading that is as likely and gives another result.
@@ -102,10 +105,12 @@ class _Fitted:
 
     @property
     def evidence(self) -> dict[str, float]:
+        """ln of the evidence of each law, by name."""
         return {name: one.log_evidence for name, one in self.fits.items()}
 
     @property
     def likeliest(self) -> LawFit:
+        """The fit of the law with the largest evidence."""
         return max(self.fits.values(), key=lambda one: one.log_evidence)
 
 
@@ -139,6 +144,8 @@ def _fitted(sets: Sequence[Dataset], reference: float) -> _Fitted:
 def _read(s: Dataset, reference: float) -> _Fitted:
     """Fits of all laws to one file, in its likeliest reading.
 
+    A reading is a table as it stands, or with a change such as a height left out; it is rated by the
+    evidence of its likeliest law, by the prior of its changes, and by its impacts that stand out.
     reference: m/s. Raises UserError where no law comes near the data in any reading.
     """
     readings = readings_of(s)
@@ -146,7 +153,7 @@ def _read(s: Dataset, reference: float) -> _Fitted:
         (only,) = readings
         s.require_a_ball()
         return replace(_fitted([only.data], reference), changes=only.changes)
-    tried: list[tuple[float, _Fitted, TableReading]] = []
+    tried: list[_RatedReading] = []
     for reading in readings:
         try:
             one = _fitted([reading.data], reference)
@@ -154,18 +161,27 @@ def _read(s: Dataset, reference: float) -> _Fitted:
             # No law fits the table read so.
             continue
         price = reading.log_prior + _price_of_impacts(one)
-        tried.append((one.likeliest.log_evidence + price, one, reading))
+        tried.append(_RatedReading(one.likeliest.log_evidence + price, one, reading))
     if not tried:
         return _fitted([s], reference)
-    tried.sort(key=lambda each: -each[0])
-    top, best, reading = tried[0]
-    reading.data.require_a_ball()
+    tried.sort(key=lambda rated: -rated.score)
+    best = tried[0]
+    best.reading.data.require_a_ball()
     rival = None
-    for score, other, read_so in tried[1:]:
-        if score > top - math.log(_ODDS_TO_READ) and _differ(best, other):
-            rival = replace(other, changes=read_so.changes)
+    for other in tried[1:]:
+        is_as_likely = other.score > best.score - math.log(_ODDS_TO_READ)
+        if is_as_likely and _differ(best.fitted, other.fitted):
+            rival = replace(other.fitted, changes=other.reading.changes)
             break
-    return replace(best, changes=reading.changes, rival=rival)
+    return replace(best.fitted, changes=best.reading.changes, rival=rival)
+
+
+class _RatedReading(NamedTuple):
+    """A reading of a table, with the fits to it and ln of its posterior odds, not normalised."""
+
+    score: float
+    fitted: _Fitted
+    reading: TableReading
 
 
 def _price_of_impacts(one: _Fitted) -> float:
@@ -189,9 +205,10 @@ def _differ(one: _Fitted, other: _Fitted) -> bool:
     middle = one.likeliest.reference
     if abs(one.likeliest.curve.at(middle) - other.likeliest.curve.at(middle)) > _SAME_E:
         return True
-    first, second = (alpha_of(each.fits[PLAIN], each.fits[WITH_E0]) for each in (one, other))
-    is_outside = not first.low <= second.value <= first.high
-    return is_outside and abs(second.value - first.value) > _SAME_ALPHA * first.value
+    alpha = alpha_of(one.fits[PLAIN], one.fits[WITH_E0])
+    other_alpha = alpha_of(other.fits[PLAIN], other.fits[WITH_E0]).value
+    is_outside = not alpha.low <= other_alpha <= alpha.high
+    return is_outside and abs(other_alpha - alpha.value) > _SAME_ALPHA * alpha.value
 
 
 def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
@@ -201,30 +218,22 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     Where there are doubts or no law fits, and none was asked for, the result has no numbers.
     Raises UserError where no law comes near the data, or where the bounces gain energy.
     """
-    speeds = np.concatenate([s.pairs()[0] for s in sets])
+    speeds = _impact_speeds(sets)
+    # The geometric mean, m/s.
     reference = float(np.exp(np.log(speeds).mean()))
     each = [_read(s, reference) for s in sets]
+    # As they are read: a reading may leave impacts out.
     sets = [one.sets[0] for one in each]
-    speeds = np.concatenate([s.pairs()[0] for s in sets])
+    speeds = _impact_speeds(sets)
     is_alone = len(each) == 1
-    whole = each[0]
-    if not is_alone:
-        whole = _together(sets, each, reference)
+    whole = each[0] if is_alone else _together(sets, each, reference)
     _require_loss(sets, whole)
     evidence = whole.evidence
-    lack = _lack(each)
     drops = tuple(_drop(one, evidence, is_alone) for one in each)
-    doubts = drops[0].doubts
-    if not is_alone:
-        doubts = _doubts_of_all(drops)
-    # One file that can be used on its own takes the reservation from all.
-    reservation = ""
-    if all(s.reservation for s in sets):
-        reservation = sets[0].reservation
-    air, said, lack = _in_air(sets, whole, lack)
-    reservation = said or reservation
-    if is_alone and whole.rival is not None:
-        reservation = _other_reading(whole)
+    doubts = drops[0].doubts if is_alone else _doubts_of_all(drops)
+    in_air = _in_air(sets, whole, _lack(each))
+    lack = in_air.lack
+    reservation = _reservation(sets, whole, in_air.why_no_law, is_alone)
     chosen: str | None = law
     if law == "auto":
         chosen = chosen_law(evidence)
@@ -235,9 +244,6 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
     flags: list[Flag] = []
     for one in each:
         flags.extend(one.flags)
-    if is_alone:
-        # The only drop is the result itself.
-        drops = ()
     result = FitResult(
         sets=tuple(sets),
         asked=law,
@@ -254,36 +260,69 @@ def _fit(sets: Sequence[Dataset], law: str) -> FitResult:
         warnings=(*_warnings(whole, each), *scale_warnings(whole.likeliest, sets)),
         doubts=doubts,
         reservation=reservation,
-        drops=drops,
+        # The only drop is the result itself.
+        drops=() if is_alone else drops,
     )
     if not chosen and (doubts or lack.is_certain):
         return result
-    return _with_numbers(result, whole, each, air)
+    return _with_numbers(result, whole, each, in_air.rivals)
 
 
-def _in_air(
-    sets: Sequence[Dataset], whole: _Fitted, lack: LackOfFit
-) -> tuple[AirRivals, str, LackOfFit]:
-    """The rivals in the air of a light ball, why no law is chosen for them ("" where one may be), and
-    the lack of fit where such a ball lacks less.
+def _impact_speeds(sets: Sequence[Dataset]) -> Floats:
+    """Rough speeds of the impacts of all data sets, m/s, (n,)."""
+    return np.concatenate([s.pairs()[0] for s in sets])
+
+
+def _reservation(sets: Sequence[Dataset], whole: _Fitted, why_no_law: str, is_alone: bool) -> str:
+    """Reason to give a number but choose no law; "" without one.
+
+    whole: all files together. why_no_law: what the air says, "" for nothing. is_alone: one file.
+    """
+    if is_alone and whole.rival is not None:
+        return _other_reading(whole)
+    if why_no_law:
+        return why_no_law
+    # One file that can be used on its own takes the reservation from all.
+    if all(s.reservation for s in sets):
+        return sets[0].reservation
+    return ""
+
+
+class _InAir(NamedTuple):
+    """What the air of a light ball may explain.
+
+    rivals: fits in air that the data leave.
+    why_no_law: a sentence on why no law is chosen for them; "" where one may be.
+    lack: of fit, of the law or of the rival that lacks less.
+    """
+
+    rivals: AirRivals
+    why_no_law: str
+    lack: LackOfFit
+
+
+def _in_air(sets: Sequence[Dataset], whole: _Fitted, lack: LackOfFit) -> _InAir:
+    """The rivals in the air of a light ball, and what they change.
+
+    whole: all files together. lack: of the laws in a vacuum.
     """
     left = laws_left(whole.evidence)
     if left.isdisjoint({*FAMILY, "constant"}):
-        return AirRivals(), "", lack
+        return _InAir(AirRivals(), "", lack)
     # Where other laws are left too, α is still printed.
     air = rivals_in_air(sets, whole.fits, whole.widths)
     if "constant" in left:
-        return air, "", lack
-    said = ""
+        return _InAir(air, "", lack)
+    why_no_law = ""
     if air.constant is not None:
-        said = _OR_AIR
+        why_no_law = _OR_AIR
     elif air.law is not None and lack.is_likely:
-        said = _OR_LAW_IN_AIR
+        why_no_law = _OR_LAW_IN_AIR
     if len(sets) == 1:
         for rival in filter(None, (air.constant, air.law)):
             log_odds, _ = smooth_change(rival, sets[0])
             lack = replace(lack, odds=min(lack.odds, math.exp(log_odds)))
-    return air, said, lack
+    return _InAir(air, why_no_law, lack)
 
 
 def _together(sets: Sequence[Dataset], each: Sequence[_Fitted], reference: float) -> _Fitted:
@@ -357,14 +396,12 @@ def _other_reading(one: _Fitted) -> str:
     return f"another reading of {one.sets[0].name} is as likely: {said}"
 
 
-def _spanning(estimate: Estimate | None, others: Sequence[Estimate]) -> Estimate | None:
+def _spanning(estimate: Estimate, others: Sequence[Estimate]) -> Estimate:
     """The estimate, with an interval that reaches to the ends of the others', and the standard
-    uncertainty of one that is as wide.
+    uncertainty of one that is as wide; the estimate as it is where theirs lie within its own.
     """
-    if estimate is None or not others:
-        return estimate
-    low = min(estimate.low, *(other.low for other in others))
-    high = max(estimate.high, *(other.high for other in others))
+    low = min([estimate.low, *(other.low for other in others)])
+    high = max([estimate.high, *(other.high for other in others)])
     if (low, high) == (estimate.low, estimate.high):
         return estimate
     uncertainty = max(estimate.uncertainty, 0.5 * (high - low) / _WIDTH_OF_95)
@@ -458,61 +495,62 @@ def _with_numbers(
     whole: all files together. air: what the air may be of it; α reaches down to the one in air.
     each: the files by themselves; only those without doubts give a common α.
     """
-    if result.law is not None:
-        laws = {result.law}
-    else:
-        laws = laws_left(whole.evidence)
+    laws = laws_left(whole.evidence) if result.law is None else {result.law}
     used = list(each)
     if result.drops:
         used = [one for one, drop in zip(each, result.drops, strict=True) if drop.alpha]
-    restitution = e0 = None
-    drops = _OverDrops(alpha=None, between=None, odd=[])
+    # Another reading of the only file, as likely, widens what is given.
+    rivals = [one.rival for one in each if one.rival is not None and len(each) == 1]
+    over_drops = _OverDrops(estimate=None, between=None, odd=[])
+    alpha = None
     if laws & set(FAMILY):
-        drops = _alpha_of_drops(result, whole, each, used)
-    if laws & {WITH_E0, EITHER}:
-        e0 = estimate_of(whole.fits[WITH_E0], "e0")
-    if "constant" in laws:
-        restitution, share, odd = _constant(whole, used)
-        restitution = _spanning(restitution, _constants_in(air))
-        if drops.between is None:
-            drops = replace(drops, between=share, odd=odd)
-    elif air.constant is not None:
-        likeliest = estimate_of(air.constant, "restitution")
-        restitution = _spanning(likeliest, _constants_in(air))
-    alpha = drops.alpha
+        over_drops = _alpha_of_drops(result, whole, each, used)
+        alpha = over_drops.estimate
     if alpha is not None:
         alpha = replace(alpha, low=air.share * alpha.low)
-    rivals = [one.rival for one in each if one.rival and len(each) == 1]
-    alpha = _spanning(alpha, [alpha_of(one.fits[PLAIN], one.fits[WITH_E0]) for one in rivals])
+        alpha = _spanning(alpha, [alpha_of(one.fits[PLAIN], one.fits[WITH_E0]) for one in rivals])
+    e0 = None
+    if laws & {WITH_E0, EITHER}:
+        e0 = estimate_of(whole.fits[WITH_E0], "e0")
+    restitution = None
+    if "constant" in laws:
+        constant = _constant_of_drops(whole, used)
+        restitution = constant.estimate
+        # Drops are compared in α where it is given.
+        if over_drops.between is None:
+            over_drops = constant
+    elif air.constant is not None:
+        restitution = _constant_e(air.constant)
     if restitution is not None:
-        of_rivals = [estimate_of(one.fits["constant"], "restitution") for one in rivals]
+        restitution = _spanning(restitution, list(map(_constant_e, air.constants)))
+        of_rivals = [_constant_e(one.fits["constant"]) for one in rivals]
         restitution = _spanning(restitution, of_rivals)
-    warnings = [_odd_one(name, off) for name, off in drops.odd]
+    warnings = [_odd_one(name, off) for name, off in over_drops.odd]
     return replace(
         result,
         alpha=alpha,
         e0=e0,
         restitution=restitution,
-        between=drops.between,
+        between=over_drops.between,
         warnings=(*result.warnings, *warnings),
     )
 
 
-def _constants_in(air: AirRivals) -> list[Estimate]:
-    """Estimates of a constant e in air, one for each mass that the data leave."""
-    return [estimate_of(fit, "restitution") for fit in air.constants]
+def _constant_e(fit: LawFit) -> Estimate:
+    """e of the fit of a constant."""
+    return estimate_of(fit, "restitution")
 
 
 @dataclass(frozen=True, slots=True)
 class _OverDrops:
-    """Estimates from all drops together.
+    """A number, α in s/m or a constant e, from all drops together.
 
-    alpha: of all drops.
-    between: share of it by which drops differ; None for one drop.
+    estimate: from all drops; None where it is not given.
+    between: share of α, or of 1 - e, by which drops differ; None for one drop.
     odd: (file, how far off it is in standard deviations) of drops that do not belong to the others.
     """
 
-    alpha: Estimate | None
+    estimate: Estimate | None
     between: float | None
     odd: list[tuple[str, float]]
 
@@ -553,27 +591,29 @@ def _odd_files(used: Sequence[_Fitted], values: Sequence[Estimate]) -> list[tupl
     return [(used[k].sets[0].name, off) for k, off in odd_drops(values)]
 
 
-def _constant(
-    whole: _Fitted, used: Sequence[_Fitted]
-) -> tuple[Estimate, float | None, list[tuple[str, float]]]:
-    """e of a constant, by which share of 1 - e the files differ, and those that do not go along.
+def _constant_of_drops(whole: _Fitted, used: Sequence[_Fitted]) -> _OverDrops:
+    """e of a constant, with what g, height and the like add to its interval, and how drops differ.
 
     whole: all files together. used: the drops without doubts.
-    The last are pairs of a file's name and the standard deviations by which it is off. One file
-    alone has no share: None.
+    Drops are compared in 1 - e, the share of the speed that is lost.
     """
     inputs = error_budget(whole.fits["constant"], whole.sets).of_inputs
     if len(whole.sets) == 1:
-        return estimate_of(whole.fits["constant"], "restitution", inputs), None, []
-    lost = [_lost(estimate_of(one.fits["constant"], "restitution")) for one in used]
-    drops = shared_value(lost)
-    per_drop = _lost(drops.estimate(_relative(inputs, drops.estimate().value)))
-    return per_drop, drops.between, _odd_files(used, lost)
+        return _OverDrops(estimate_of(whole.fits["constant"], "restitution", inputs), None, [])
+    lost = [_one_minus(_constant_e(one.fits["constant"])) for one in used]
+    shared = shared_value(lost)
+    lost_by_all = shared.estimate(_relative(inputs, shared.estimate().value))
+    return _OverDrops(_one_minus(lost_by_all), shared.between, _odd_files(used, lost))
 
 
-def _lost(e: Estimate) -> Estimate:
-    """Share of speed that is lost, 1 - e."""
-    return replace(e, value=1.0 - e.value, low=1.0 - e.high, high=1.0 - e.low)
+def _one_minus(estimate: Estimate) -> Estimate:
+    """The estimate of 1 less a number: of the share of speed that is lost, 1 - e, or of e by it."""
+    return replace(
+        estimate,
+        value=1.0 - estimate.value,
+        low=1.0 - estimate.high,
+        high=1.0 - estimate.low,
+    )
 
 
 def _odd_one(name: str, off: float) -> str:
@@ -598,26 +638,26 @@ def _implausible(s: Dataset) -> str:
 
 
 def _warnings(whole: _Fitted, each: Sequence[_Fitted]) -> list[str]:
-    """Warnings of impacts that count little, of files left out, and of a scatter beyond what is
-    tried.
+    """Warnings of what is assumed, of speeds that balls seldom have, of impacts that count little, of
+    files left out, and of a scatter beyond what is tried.
 
     whole: all files together. each: the files by themselves.
     """
     warnings = [f"{s.name}: {s.assumed}" for s in whole.sets if s.assumed]
     warnings += filter(None, map(_implausible, whole.sets))
     for one in each:
+        name = one.sets[0].name
         if one.impacts:
             shown = ", ".join(one.impacts[:_SHOWN])
-            more = ""
             if len(one.impacts) > _SHOWN:
-                more = f" and {len(one.impacts) - _SHOWN} more"
+                shown += f" and {len(one.impacts) - _SHOWN} more"
             warnings.append(
-                f"these impacts scatter far more than the others and count little: {shown}{more}"
+                f"these impacts scatter far more than the others and count little: {shown}"
             )
         if one.changes:
-            warnings.append(f"{one.sets[0].name} is read so: {'; '.join(one.changes)}")
+            warnings.append(f"{name} is read so: {'; '.join(one.changes)}")
         if len(each) > 1 and (doubts := _doubts(one, is_alone=False)):
-            warnings.append(f"{one.sets[0].name} is left out: {doubts[0]}")
+            warnings.append(f"{name} is left out: {doubts[0]}")
     if whole.likeliest.scatter > 0.9 * MOST_SCATTER:
         warnings.append(
             f"e scatters by {100 * MOST_SCATTER:.0f} % or more, the end of what is tried"

@@ -56,6 +56,15 @@ class Ballistics:
             speed += (time - now) / slope
         return speed
 
+    def launch_to(self, height: Floats) -> Floats:
+        """Launch speeds, m/s, that reach these heights over the launch, m: both (n,).
+
+        The inverse of `apex`: v² = 2 g' h, in air (exp(2 g' h/V²) - 1) V².
+        """
+        if not self.drag:
+            return np.sqrt(2.0 * self.gravity * height)
+        return np.sqrt(np.expm1(2.0 * self.drag * self.gravity * height) / self.drag)
+
     def touch(self, launch: float) -> tuple[float, float]:
         """Speed at the next touch, m/s, and its derivative by the launch speed (m/s)."""
         root = 1.0 / math.sqrt(1.0 + self.drag * launch * launch)

@@ -170,15 +170,8 @@ class Heights(Dataset):
         return self.numbers
 
     def _launches(self) -> Floats:
-        """Launch speeds that reach the heights, m/s: shape (n,).
-
-        v² = 2 g h, or (exp(2 d g h) - 1)/d with the drag d, s²/m².
-        """
-        g = self.setup.ballistics.gravity
-        drag = self.setup.ballistics.drag
-        if not drag:
-            return np.sqrt(2.0 * g * self.heights)
-        return np.sqrt(np.expm1(2.0 * drag * g * self.heights) / drag)
+        """Launch speeds that reach the heights, m/s: shape (n,)."""
+        return self.setup.ballistics.launch_to(self.heights)
 
     def pairs(self) -> tuple[Floats, Floats]:
         """Rough impact speeds (m/s) and e, without the law; of bounces in a row alone."""

@@ -86,27 +86,41 @@ def _tables(content: Any, path: Cells, about: tuple[Cells, ...]) -> Iterator[_Js
 def _tables_of_list(
     content: list[Any], path: Cells, about: tuple[Cells, ...]
 ) -> Iterator[_JsonTable]:
-    """The tables in a list: of each entry that has some, as a drop has; else the list as one."""
-    is_named = bool(path) and _names_data(path[-1])
+    """Yield the tables in a list: of each entry that has some, as a drop has; else the list as one.
+
+    path: the keys that lead to the list. about: (name, value) beside it.
+    """
+    is_of_data = bool(path) and _names_data(path[-1])
+    has_drops = False
     for number, one in enumerate(content, 1):
+        path_of_one = (*path, str(number))
         if _holds_tables(one):
-            yield from _tables(one, (*path, str(number)), about)
-        elif is_named and _is_column(one):
+            has_drops = True
+            yield from _tables(one, path_of_one, about)
+        elif is_of_data and _is_column(one):
             # {"heights_cm": [[81, 66, 53], [80, 65, 53]]}
-            yield _JsonTable(
-                (*path, str(number)), about, [path[-1:], *((cell,) for cell in _texts(one))]
-            )
-    of_drops = any(_holds_tables(one) or (is_named and _is_column(one)) for one in content)
-    rows = [] if of_drops else _rows_of_list(content)
+            has_drops = True
+            yield _JsonTable(path_of_one, about, _one_column(path[-1], one))
+    rows = None if has_drops else _rows_of_list(content)
     if rows:
         yield _JsonTable(path, about, rows)
+
+
+def _one_column(name: str, numbers: Sequence[Any]) -> list[Cells]:
+    """The rows of a table of one column: its name, and a number each."""
+    return [(name,), *((cell,) for cell in _texts(numbers))]
 
 
 def _tables_of_record(
     content: dict[str, Any], path: Cells, about: tuple[Cells, ...]
 ) -> Iterator[_JsonTable]:
-    """The tables in a record: its lists as columns, and those of its other values."""
+    """Yield the tables in a record: its lists as columns, and those of its other values.
+
+    path: the keys that lead to the record. about: (name, value) beside it, to which its own texts and
+    numbers are added.
+    """
     if isinstance(content.get("columns"), list) and isinstance(content.get("data"), list):
+        # As pandas writes it.
         yield _JsonTable(path, about, [_texts(content["columns"]), *map(_texts, content["data"])])
         return
     scalars = ((str(key), text_of_cell(one)) for key, one in content.items() if _is_scalar(one))
@@ -115,13 +129,13 @@ def _tables_of_record(
     if len(columns) > 1 and all(map(tells_drops_apart, columns)):
         # {"heights_cm": {"drop 1": [81, 66, 53], "drop 2": [80, 65, 53]}}
         for name, numbers in columns.items():
-            header = (_quantity_over(path, about) or name,)
-            yield _JsonTable((*path, name), about, [header, *((cell,) for cell in _texts(numbers))])
+            header = _quantity_over(path, about) or name
+            yield _JsonTable((*path, name), about, _one_column(header, numbers))
     elif columns:
         rows = itertools.zip_longest(*columns.values(), fillvalue="")
         yield _JsonTable(path, about, [tuple(columns), *map(_texts, rows)])
     for key, value in content.items():
-        if _series(value)[1] is None:
+        if _series(value) is None:
             yield from _tables(value, (*path, str(key)), about)
 
 
@@ -136,15 +150,19 @@ def _columns(
     # {"apex": {"time_s": [...]}}
     over = "".join(f"{key} " for key in path if meanings_of(key) & CHANGES)
     for key, value in content.items():
-        unit, series = _series(value)
-        if series is not None:
-            # {"heights_cm": [{"values": [...]}, ...]}
-            name = key if meanings_of(key) else _quantity_over(path, about) or key
-            columns[f"{over}{name} [{unit}]" if unit else f"{over}{name}"] = series
+        series = _series(value)
+        if series is None:
+            continue
+        # {"heights_cm": [{"values": [...]}, ...]}
+        name = key if meanings_of(key) else _quantity_over(path, about) or key
+        header = f"{over}{name}"
+        if series.unit:
+            header = f"{header} [{series.unit}]"
+        columns[header] = series.values
     # {"unit": "s", "times": [...]}: the unit of the only column.
     unit = next((text for key, text in about if key.lower() in ("unit", "units")), "")
     if len(columns) == 1 and unit:
-        columns = {f"{key} [{unit}]": series for key, series in columns.items()}
+        return {f"{header} [{unit}]": values for header, values in columns.items()}
     return columns
 
 
@@ -158,17 +176,18 @@ def _quantity_over(path: Cells, about: Sequence[Cells]) -> str:
 
 def _holds_tables(content: Any) -> bool:
     """Say whether a record has a table of its own, as that of a drop has: a list of records, or of
-    numbers under the name of a quantity.
+    numbers under the name of a quantity; three numbers or fewer may be a vector.
     """
     if not isinstance(content, dict):
         return False
     for key, value in content.items():
-        found = meanings_of(str(key))
-        # Three numbers are a vector of ROS too.
-        least = _LEAST_LISTED - 1 if found & _NO_VECTORS else _LEAST_LISTED
-        if _is_column(value) and len(value) >= least and (not found or _names_data(key)):
-            return True
         if _are_records(value) or _holds_tables(value):
+            return True
+        meanings = meanings_of(str(key))
+        # Three heights or times are no vector, as three places are in ROS.
+        least = _LEAST_LISTED - 1 if meanings & _NO_VECTORS else _LEAST_LISTED
+        may_be_data = not meanings or _names_data(key)
+        if may_be_data and _is_column(value) and len(value) >= least:
             return True
     return False
 
@@ -184,10 +203,10 @@ def _are_records(value: Any) -> bool:
 
 
 def _rows_of_list(content: list[Any]) -> list[Cells] | None:
-    """Rows of records, of lists, or of numbers alone; None for anything else."""
+    """Rows of records below their names, of lists, or of numbers alone; None for anything else."""
     if _are_records(content):
         flat = list(map(_flat, content))
-        names = tuple(dict.fromkeys(name for record in flat for name in record))
+        names = tuple(dict.fromkeys(itertools.chain.from_iterable(flat)))
         return [names, *(_texts([record.get(name) for name in names]) for record in flat)]
     if content and all(isinstance(one, list) for one in content):
         return list(map(_texts, content))
@@ -197,7 +216,10 @@ def _rows_of_list(content: list[Any]) -> list[Cells] | None:
 
 
 def _flat(record: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    """A record with the names of nested ones joined by points."""
+    """A record with the names of nested ones joined by points, "pose.z", and places in lists, "v[2]".
+
+    before: what stands before each name.
+    """
     found: dict[str, Any] = {}
     for key, value in record.items():
         if isinstance(value, Mapping):
@@ -209,21 +231,33 @@ def _flat(record: Mapping[str, Any], before: str = "") -> dict[str, Any]:
     return found
 
 
-def _series(value: Any) -> tuple[str, list[Any] | None]:
-    """The unit and the numbers of a column: a list, numbers by row, or a record of both."""
+class _Series(NamedTuple):
+    """The numbers of a column, and their unit, "" where it is not stated beside them."""
+
+    unit: str
+    values: list[Any]
+
+
+def _series(value: Any) -> _Series | None:
+    """The column that a value is: a list, {"0": 81, "1": 66}, or {"unit": "cm", "values": [81, 66]};
+    None for any other value.
+    """
     if _is_column(value):
-        return "", value
+        return _Series("", value)
     if not isinstance(value, dict) or not value:
-        return "", None
+        return None
     if all(str(key).isdigit() for key in value) and all(map(_is_scalar, value.values())):
-        return "", [value[key] for key in sorted(value, key=int)]
-    lists = [one for key, one in value.items() if isinstance(one, list) and not _names_data(key)]
-    # {"drop 1": {"heights_cm": [...]}} is a table of its own.
-    has_others = any(map(_names_data, value))
-    if len(lists) == 1 and not has_others and all(map(_is_scalar, lists[0])):
-        texts = (one for one in value.values() if isinstance(one, str))
-        return next((one for one in texts if is_unit(plain_unit(one))), ""), lists[0]
-    return "", None
+        # By the numbers of its rows, as pandas writes it.
+        return _Series("", [value[key] for key in sorted(value, key=int)])
+    if any(map(_names_data, value)):
+        # {"drop 1": {"heights_cm": [...]}} is a table of its own.
+        return None
+    lists = [one for one in value.values() if isinstance(one, list)]
+    if len(lists) != 1 or not all(map(_is_scalar, lists[0])):
+        return None
+    texts = (one for one in value.values() if isinstance(one, str))
+    unit = next((one for one in texts if is_unit(plain_unit(one))), "")
+    return _Series(unit, lists[0])
 
 
 def _names_data(key: str) -> bool:

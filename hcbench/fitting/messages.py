@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from hcbench.fitting.column_names import (
     CHANGES,
     folded,
+    has_word_of,
     is_unit_of,
     meanings_of,
     ordinals,
@@ -40,11 +41,12 @@ _LEAST = 3
 _LONGEST = 20_000
 
 
-class _Told(NamedTuple):
-    """A height or a time in one line.
+class _BounceTold(NamedTuple):
+    """A height or a time that one line tells.
 
-    bounce: its number, 0 for that of the drop. number: as written, with a point.
-    unit: Pint's word, "" for none. words: those of the line.
+    bounce: the number of the bounce, from 1; 0 for the drop.
+    number: as written, with a decimal point. unit: Pint's word, "" for none.
+    words: those of the line before its last number.
     """
 
     bounce: int
@@ -53,26 +55,40 @@ class _Told(NamedTuple):
     words: str
 
 
-def rows_of_messages(text: str) -> tuple[Row, ...]:
-    """A header and rows of the bounces that a text tells one a line, counted from 1: heights, that of
-    the drop first where there is one, or times. Empty where a line has a number that is none of
-    them, or the bounces are not counted on.
+class _NumbersOfLine(NamedTuple):
+    """The numbers that a line has, sorted by what they may be.
 
-    Two people who each measure a ball of their own count "first" twice.
+    readings: (number with a decimal point, Pint's unit or "") of heights or times.
+    counts: numbers of bounces, from 1; -1 for one that cannot be the number of a bounce.
+    words: those before the last number.
+    """
+
+    readings: list[tuple[str, str]]
+    counts: list[int]
+    words: str
+
+
+def rows_of_messages(text: str) -> tuple[Row, ...]:
+    """A header and rows of the bounces that a text tells one a line: heights, else times, in SI.
+
+    The height of the drop comes first where the text has it. The rows are empty where a line has a
+    number of something else, and where the bounces are not counted 1, 2, 3, ...: two people who each
+    measure a ball of their own count "first" twice.
     """
     if len(text) > _LONGEST:
         return ()
     for quantity in ("position", "time"):
-        told = _told(text, quantity)
+        told = _bounces_told(text, quantity)
         if told is None:
             continue
         drop = [one for one in told if not one.bounce]
         bounces = [one for one in told if one.bounce]
-        counts = [one.bounce for one in told]
-        is_counted = counts == [*([0] * len(drop)), *range(1, len(bounces) + 1)]
+        numbers = [one.bounce for one in told]
+        is_counted = numbers == [*([0] * len(drop)), *range(1, len(bounces) + 1)]
         if len(bounces) < _LEAST or len(drop) > 1 or not is_counted:
             continue
-        name = _name(quantity, bounces)
+        name = _column_name(quantity, bounces)
+        # The time of the drop is no touch.
         if name and not (drop and quantity == "time"):
             si_unit = units.QUANTITIES[quantity].unit
             rows = [(1, (f"{x:.9g}",)) for x in _in_si(told, quantity)]
@@ -83,17 +99,20 @@ def rows_of_messages(text: str) -> tuple[Row, ...]:
 def tells_of_bounce(line: str, quantity: str) -> bool:
     """Say whether a line tells a bounce or a touch with a reading of a quantity, and not the drop."""
     said = without_stamps(line)
-    readings, _, _ = _numbers_of(said, quantity)
-    if not any(unit for _, unit in readings) or _begins(said, "let go"):
+    readings = _numbers_of(said, quantity).readings
+    if not any(unit for _, unit in readings) or has_word_of(said, "let go"):
         return False
-    return bool(meanings_of(said) & {"bounce", "touch"}) or _begins(said, "rose")
+    return bool(meanings_of(said) & {"bounce", "touch"}) or has_word_of(said, "rose")
 
 
 def count_readings(text: str) -> int:
     """Number of heights or times with a unit in a text."""
-    lines = [without_stamps(line) for line in text.splitlines()]
-    each = (_numbers_of(line, of)[0] for line in lines for of in ("position", "time"))
-    return sum(bool(unit) for readings in each for _, unit in readings)
+    count = 0
+    for line in map(without_stamps, text.splitlines()):
+        for quantity in ("position", "time"):
+            readings = _numbers_of(line, quantity).readings
+            count += sum(bool(unit) for _, unit in readings)
+    return count
 
 
 def without_stamps(line: str) -> str:
@@ -106,37 +125,45 @@ def without_stamps(line: str) -> str:
     found = meanings_of(writer)
     # After a stamp a writer stands, whatever else the name means.
     is_name = found <= {"?"} or (_STAMP.search(line) and not found & _OF_BOUNCES)
-    is_name = is_name and not any(map(_ordinal, _LETTERS.findall(writer)))
-    return said[match.end() :] if is_name else said
+    if not is_name or any(map(_ordinal, _LETTERS.findall(writer))):
+        # "second bounce: 40 cm"
+        return said
+    return said[match.end() :]
 
 
-def _told(text: str, quantity: str) -> list[_Told] | None:
-    """Bounces, and the drop, in the lines with a number of a quantity; None where one of them is in doubt."""
-    told: list[_Told] = []
+def _bounces_told(text: str, quantity: str) -> list[_BounceTold] | None:
+    """The bounces, and the drop, that the lines of a text tell, in their order.
+
+    Lines without a number are left out. None where a line with a number is in doubt: it has two
+    readings, no number of a bounce, a word such as "lost", or words that may name another ball.
+    """
+    told: list[_BounceTold] = []
     for line in map(without_stamps, text.splitlines()):
         readings, counts, words = _numbers_of(line, quantity)
         if not readings and not counts:
             continue
-        is_drop = not counts and _begins(line, "let go") and not _begins(line, "rose")
+        tells_drop = has_word_of(line, "let go") and not has_word_of(line, "rose")
+        is_drop = tells_drop and not counts
         if len(readings) != 1 or len(counts) != (0 if is_drop else 1):
             return None
-        if meanings_of(line) & CHANGES or not (is_drop or _all_known(words)):
+        if meanings_of(line) & CHANGES or not (is_drop or _may_precede_reading(words)):
             return None
-        told.append(_Told(counts[0] if counts else 0, *readings[0], words))
+        ((number, unit),) = readings
+        told.append(_BounceTold(counts[0] if counts else 0, number, unit, words))
     return told
 
 
-def _numbers_of(line: str, quantity: str) -> tuple[list[tuple[str, str]], list[int], str]:
-    """The readings in a line, each a number and its unit or "", the numbers of bounces, and the words
-    before the last number.
+def _numbers_of(line: str, quantity: str) -> _NumbersOfLine:
+    """The numbers in a line, of which those with a unit of the quantity are readings.
 
-    Of two numbers the first counts; words such as "second" count where no number is before them.
+    Words such as "second" count bounces where they stand before a number. Where none does, the first
+    number without a unit counts: "2: 40" is the second bounce, at 40.
     """
     readings: list[tuple[str, str]] = []
     counts: list[int] = []
     words = []
     end = 0
-    plain: list[str] = []
+    bare: list[str] = []
     for match in _NUMBER.finditer(line):
         words.append(line[end : match.start()])
         unit = plain_unit(match["unit"] or "")
@@ -148,14 +175,15 @@ def _numbers_of(line: str, quantity: str) -> tuple[list[tuple[str, str]], list[i
         elif match["ordinal"]:
             counts.append(_count(number))
         else:
-            plain.append(number)
+            bare.append(number)
     before = " ".join(words)
-    found = map(_ordinal, _LETTERS.findall(before if readings or plain else line))
-    counts += [one for one in found if one]
-    if plain and not counts:
-        counts.append(_count(plain.pop(0)))
-    readings += [(number, "") for number in plain]
-    return readings, counts, before
+    # A line without any other number may count behind: "third, missed it".
+    counting = before if readings or bare else line
+    counts += filter(None, map(_ordinal, _LETTERS.findall(counting)))
+    if bare and not counts:
+        counts.append(_count(bare.pop(0)))
+    readings += [(number, "") for number in bare]
+    return _NumbersOfLine(readings, counts, before)
 
 
 def _count(number: str) -> int:
@@ -168,41 +196,41 @@ def _ordinal(word: str) -> int:
     return next((n for begin, n in ordinals() if word.startswith(begin)), 0)
 
 
-def _begins(text: str, meaning: str) -> bool:
-    """Say whether a word of a text begins as one of a meaning."""
-    return any(word.startswith(words_of_texts(meaning)) for word in _LETTERS.findall(text))
-
-
-def _all_known(words: str) -> bool:
-    """Say whether words before a reading may stand before that of a bounce: no other ball is named."""
+def _may_precede_reading(words: str) -> bool:
+    """Say whether each of some words may stand before a bounce's reading: no other ball is named."""
     joins = words_of_texts("joins")
     return all(
         word in joins
         or _ordinal(word)
-        or _begins(word, "rose")
+        or has_word_of(word, "rose")
         or bool(meanings_of(word) & {"bounce", "touch", "height", "number"})
         for word in _LETTERS.findall(words)
     )
 
 
-def _name(quantity: str, bounces: Sequence[_Told]) -> str:
-    """The name of the column; "" where no line tells of a bounce, or no reading has a unit."""
+def _column_name(quantity: str, bounces: Sequence[_BounceTold]) -> str:
+    """The name of the column that the readings make: "height", "touch time" or "interval".
+
+    bounces: without the drop. "" where no line tells of a bounce, no reading has a unit, or times
+    neither rise nor are said to be intervals.
+    """
     words = " ".join(one.words for one in bounces)
     found = meanings_of(words)
-    is_of_bounces = bool(found & {"bounce", "touch"}) or _begins(words, "rose")
+    is_of_bounces = bool(found & {"bounce", "touch"}) or has_word_of(words, "rose")
     if not is_of_bounces or not any(one.unit for one in bounces):
         return ""
     if quantity == "position":
         return "height"
-    numbers = list(_in_si(bounces, quantity))
-    if numbers == sorted(numbers):
+    times = list(_in_si(bounces, quantity))
+    if times == sorted(times):
         return "touch time"
     return "interval" if "interval" in found else ""
 
 
-def _in_si(told: Sequence[_Told], quantity: str) -> Iterator[float]:
-    """Readings in SI; one without a unit has that of the bounce before it, or of the first that has
-    one.
+def _in_si(told: Sequence[_BounceTold], quantity: str) -> Iterator[float]:
+    """Yield each reading in SI; people write the unit once, so that it holds for the lines below.
+
+    told: at least one bounce has a unit, which the readings before it have too.
     """
     unit = next(one.unit for one in told if one.unit and one.bounce)
     for one in told:

@@ -12,7 +12,6 @@ import itertools
 import re
 import unicodedata
 from collections import Counter, defaultdict
-from operator import itemgetter
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -94,7 +93,22 @@ _MOST_LINES = 100_000
 _MOST_CHARACTERS = 400
 
 
-class _Named(NamedTuple):
+class _Line(NamedTuple):
+    """A line that is not empty: its number in the text, from 1, and its words and numbers."""
+
+    number: int
+    text: str
+
+
+class _NumberInLine(NamedTuple):
+    """A number in a line, and the words before it and after it, up to the next number."""
+
+    before: str
+    number: str
+    after: str
+
+
+class _NamedNumber(NamedTuple):
     """A number in a line with its name and the unit there, and all words before it."""
 
     name: str
@@ -108,14 +122,14 @@ def _is_event(name: str) -> bool:
 
 
 class _Columns(NamedTuple):
-    """Names of columns, their rows, and the lines before them."""
+    """Names of columns, their rows, and the lines before them; empty where none are found."""
 
     names: tuple[str, ...] = ()
     rows: tuple[Row, ...] = ()
     before: tuple[Row, ...] = ()
 
     def known(self) -> tuple[int, int]:
-        """Number of columns with data, and of those that tell of touches or bounces."""
+        """Number of quantities among the columns, and of names that tell of touches or bounces."""
         headers = list(map(split_header, self.names))
         roles = {role_of(*header) for header in headers}
         events = {name.rstrip(" 0123456789") for name, _ in headers if _is_event(name)}
@@ -135,7 +149,7 @@ def rows_in_text(text: str) -> tuple[Row, ...]:
     if told := rows_of_messages(text):
         return told
     lines = _without_speakers(_lines(text))
-    if len(lines) > _MOST_LINES or any(len(line) > _MOST_CHARACTERS for _, line in lines):
+    if len(lines) > _MOST_LINES or any(len(line.text) > _MOST_CHARACTERS for line in lines):
         return ()
     found = max(_of_labels(lines), _of_records(lines), _of_lists(text), key=_Columns.known)
     if not any(found.known()):
@@ -143,102 +157,131 @@ def rows_in_text(text: str) -> tuple[Row, ...]:
     return (*found.before, (found.rows[0][0], found.names), *found.rows)
 
 
-def _lines(text: str) -> list[tuple[int, str]]:
-    """Numbers and text of the lines that are not empty; each tag of XML is a line."""
+def _lines(text: str) -> list[_Line]:
+    """The lines of a text that are not empty, without days; each tag of XML is a line."""
     is_markup = text.lstrip().startswith("<")
     if is_markup:
         # The ends of elements say nothing.
         text = re.sub(r"</[^<>]*>", "", text)
         # <h n="1">61.2 has the number of the bounce, and then its height.
         text = re.sub(r"<(\w+)((?:\s+\w+=\"\d+\")+)\s*>(?=\s*[-+\d.])", r"<\2 \1>", text)
-    return [
-        (number, _ABOUT_NUMBERS.sub("", _DAY.sub("", _DAY_AFTER.sub(r"\1", part.strip()))))
-        for number, line in enumerate(text.splitlines(), 1)
-        for part in (re.split(r"(?<=.)(?=<)", line) if is_markup else [line])
-        if part.strip()
-    ]
+    found = []
+    for number, line in enumerate(text.splitlines(), 1):
+        parts = re.split(r"(?<=.)(?=<)", line) if is_markup else [line]
+        for part in map(str.strip, parts):
+            if part:
+                without_days = _DAY.sub("", _DAY_AFTER.sub(r"\1", part))
+                found.append(_Line(number, _ABOUT_NUMBERS.sub("", without_days)))
+    return found
 
 
-def _without_speakers(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:
+def _without_speakers(lines: list[_Line]) -> list[_Line]:
     """The lines of a chat without the writers of messages that count on: of "first bounce 62 cm" by one
     and "second bounce 40 cm" by the other.
 
     Messages count on where all but one of their words are alike, and that one is never the same:
     two people who each measure a ball of their own say "first" twice.
     """
+    # {words with "" in place of one of them: {place of the line: its writer and that word}}
     said: defaultdict[tuple[str, ...], dict[int, tuple[str, str]]] = defaultdict(dict)
-    for at, (_, line) in enumerate(lines):
-        match = _SPEAKER.fullmatch(line)
-        if match is None or not (parts := [*_parts(match["said"])]):
+    for at, line in enumerate(lines):
+        match = _SPEAKER.fullmatch(line.text)
+        if match is None:
+            continue
+        numbers = _numbers_in(match["said"])
+        if not numbers:
             continue
         # The last number is the reading, after which its unit follows.
-        words = [*match["said"].removesuffix(f"{parts[-1][1]}{parts[-1][2]}").split(), parts[-1][2]]
-        for i, word in enumerate(words[:-1]):
-            key = (*words[:i], "", *words[i + 1 :])
+        reading = numbers[-1]
+        before = match["said"].removesuffix(f"{reading.number}{reading.after}").split()
+        for i, word in enumerate(before):
+            key = (*before[:i], "", *before[i + 1 :], reading.after)
             said[key][at] = (match["speaker"], word.lower())
-    plain = dict(enumerate(lines))
+    plain = list(lines)
     for messages in said.values():
         speakers = {speaker for speaker, _ in messages.values()}
         changing = {word for _, word in messages.values()}
         if len(speakers) > 1 and len(changing) == len(messages) >= _LEAST:
             for at in messages:
-                plain[at] = (lines[at][0], _SPEAKER.sub(r"\g<clock>\g<said>", lines[at][1]))
-    return list(plain.values())
+                without = _SPEAKER.sub(r"\g<clock>\g<said>", lines[at].text)
+                plain[at] = _Line(lines[at].number, without)
+    return plain
 
 
-def _of_records(lines: Sequence[tuple[int, str]]) -> _Columns:
-    """Columns of records of one or more lines each, by the lines that are alike with which they
-    begin: alike in the last word before each number, in all that the text repeats, and in the unit.
+def _of_records(lines: Sequence[_Line]) -> _Columns:
+    """Columns of records of one or more lines each, which begin with lines that are alike.
+
+    Of several ways to part the lines into records, that with the most known columns counts, then that
+    with the most rows. Empty where two ways are as good and lie one below the other, as of two balls,
+    and where lines above tell bounces in another way.
     """
-    count = Counter(word for _, line in lines for word in set(_letters(line)))
-
-    def place(before: str, after: str) -> tuple[str, ...]:
-        words = _letters(before)
-        repeated = (word for word in words if count[word] >= _LEAST or word == words[-1])
-        return (*repeated, _unit_after(before, after))
-
-    alike: defaultdict[tuple[tuple[str, ...], ...], list[int]] = defaultdict(list)
-    for at, (_, line) in enumerate(lines):
-        alike[tuple(place(before, after) for before, _, after in _parts(line))].append(at)
-    named: dict[int, list[_Named]] = {}
-    for group in alike.values():
-        named |= zip(group, _named([lines[at][1] for at in group]), strict=True)
-    groups = [starts for key, starts in alike.items() if key and len(starts) >= _LEAST]
+    alike = _alike(lines)
+    named: dict[int, list[_NamedNumber]] = {}
+    for places in alike.values():
+        named |= zip(places, _named_numbers([lines[at].text for at in places]), strict=True)
+    groups = [places for form, places in alike.items() if form and len(places) >= _LEAST]
     ways = [_records(lines, named, starts) for starts in groups]
     best = max(ways, key=lambda way: (way.known(), len(way.rows)), default=_Columns())
-    same = [way.rows for way in ways if any(way.known()) and way.known() == best.known()]
-    if any(a[-1][0] < b[0][0] for a, b in itertools.permutations(same, 2)):
-        # One ball below the other: which one is asked for, nothing says.
-        return _Columns()
+    as_good = [way.rows for way in ways if any(way.known()) and way.known() == best.known()]
+    for one, other in itertools.permutations(as_good, 2):
+        (last_line, _), (first_line, _) = one[-1], other[0]
+        if last_line < first_line:
+            # One ball below the other: which one is asked for, nothing says.
+            return _Columns()
     return _Columns() if _leaves_out_bounces(lines, best) else best
 
 
-def _leaves_out_bounces(lines: Sequence[tuple[int, str]], found: _Columns) -> bool:
+# The form of a line: for each of its numbers, the words that name it and its unit.
+_Form = tuple[tuple[str, ...], ...]
+
+
+def _alike(lines: Sequence[_Line]) -> dict[_Form, list[int]]:
+    """Places of the lines that are alike, by their form, () for lines without numbers.
+
+    Lines are alike in the last word before each number, in all that the text repeats, and in the unit.
+    """
+    count = Counter(word for line in lines for word in set(_letters(line.text)))
+    found: defaultdict[_Form, list[int]] = defaultdict(list)
+    for at, line in enumerate(lines):
+        form = []
+        for before, _, after in _numbers_in(line.text):
+            words = _letters(before)
+            kept = [word for word in words if count[word] >= _LEAST or word == words[-1]]
+            form.append((*kept, _unit_after(before, after)))
+        found[tuple(form)].append(at)
+    return found
+
+
+def _leaves_out_bounces(lines: Sequence[_Line], found: _Columns) -> bool:
     """Say whether a line above records of one line each tells of a bounce in another way, with a height
     or a time as they have.
     """
-    units = {unit for _, unit in map(split_header, found.names) if unit}
+    units = {plain_unit(unit) for _, unit in map(split_header, found.names) if unit}
+    quantities = [of for of in ("position", "time") if any(is_unit_of(unit, of) for unit in units)]
     above = {number for number, _ in found.before}
     return any(
-        tells_of_bounce(line, of)
-        for number, line in lines
-        if number in above
-        for of in ("position", "time")
-        if any(is_unit_of(plain_unit(unit), of) for unit in units)
+        tells_of_bounce(line.text, quantity)
+        for line in lines
+        if line.number in above
+        for quantity in quantities
     )
 
 
-def _of_labels(lines: Sequence[tuple[int, str]]) -> _Columns:
-    """The begins of labels of Audacity whose words are those of touches, among others."""
-    labels = [(number, match) for number, line in lines if (match := _LABEL.fullmatch(line))]
-    words = [" ".join(_letters(match[3])) for _, match in labels]
+def _of_labels(lines: Sequence[_Line]) -> _Columns:
+    """The begins of labels of Audacity whose words are those of touches, among others.
+
+    Empty where a line is no label, and where the words of touches are not those of one kind.
+    """
+    labels = [match for line in lines if (match := _LABEL.fullmatch(line.text))]
+    words = [" ".join(_letters(label[3])) for label in labels]
     events = {word for word in words if _is_event(word) and words.count(word) >= _LEAST}
     if len(labels) < len(lines) or len(events) != 1:
         return _Columns()
-    rows = tuple(
-        (n, (match[1],)) for (n, match), word in zip(labels, words, strict=True) if word in events
-    )
-    return _Columns(("touch time [s]",), rows)
+    rows: list[Row] = []
+    for line, label, word in zip(lines, labels, words, strict=True):
+        if word in events:
+            rows.append((line.number, (label[1],)))
+    return _Columns(("touch time [s]",), tuple(rows))
 
 
 def _letters(text: str) -> list[str]:
@@ -247,54 +290,63 @@ def _letters(text: str) -> list[str]:
 
 
 def _records(
-    lines: Sequence[tuple[int, str]], named: dict[int, list[_Named]], starts: Sequence[int]
+    lines: Sequence[_Line], named: dict[int, list[_NamedNumber]], starts: Sequence[int]
 ) -> _Columns:
     """Columns of records that begin at these lines: those with a name that all of them have.
 
-    lines: (number in the text, line). named: {place in `lines`: the numbers of that line with their
-    names}. starts: places in `lines`, rising.
+    named: {place in `lines`: the numbers of that line with their names}. starts: places in `lines`,
+    rising. Empty for two balls side by side, and for numbers without any word, which are a table.
     """
-    records: list[dict[str, str]] = []
-    all_words: dict[str, str] = {}
-    first = lines[starts[0]][1]
+    first = lines[starts[0]].text
     # "points [1]:" is over the lines of its record.
     over = re.sub(r"[\W\d]+", " ", first).strip() if first.endswith(":") else ""
-    has_words = False
     # The last record is no longer than the others.
     longest = int(max(np.diff(starts)))
-    for begin, end in itertools.pairwise([*starts, min(starts[-1] + longest, len(lines))]):
-        record: dict[str, str] = {}
-        for at in range(begin, end):
-            line = lines[at][1]
-            has_words = has_words or "-->" in line or any(map(str.isalpha, line))
-            for name, number, words in filter(itemgetter(0), named[at]):
-                if words != all_words.setdefault(name, words):
-                    # One ball beside the other.
-                    return _Columns()
-                called = (
-                    f"{over} {name}" if over and role_of(f"{over} {name}") in QUANTITY_OF else name
-                )
-                # Numbers of one name differ by their places.
-                called = called if called not in record else f"{called} {len(record)}"
-                record.setdefault(called, number)
-        _join_stamp(record)
-        records.append(record)
+    ends = [*starts[1:], min(starts[-1] + longest, len(lines))]
+    texts = [line.text for line in lines[starts[0] : ends[-1]]]
+    has_words = any("-->" in text or any(map(str.isalpha, text)) for text in texts)
+    all_words: dict[str, str] = {}
+    records: list[dict[str, str]] = []
+    for begin, end in zip(starts, ends, strict=True):
+        numbers = [one for at in range(begin, end) for one in named[at] if one.name]
+        for one in numbers:
+            if one.words != all_words.setdefault(one.name, one.words):
+                # One ball beside the other.
+                return _Columns()
+        records.append(_record(numbers, over))
     # Among other titles or labels, those of touches, numbered one after the other.
     for name in filter(_is_event, all_words):
         kept = [i for i, record in enumerate(records) if name in record]
         if len(kept) >= _LEAST and counts([records[i][name] for i in kept]):
-            records, starts = [records[i] for i in kept], [starts[i] for i in kept]
+            records = [records[i] for i in kept]
+            starts = [starts[i] for i in kept]
     names = tuple(name for name in records[0] if all(name in record for record in records))
-    before = [(number, (_plain(line),)) for number, line in lines[: starts[0]]]
-    rows = [
-        (lines[start][0], tuple(record[name] for name in names))
-        for start, record in zip(starts, records, strict=True)
-    ]
-    listed = listed_names([line for _, line in lines[: starts[0] + 1]], len(names))
+    listed = listed_names([line.text for line in lines[: starts[0] + 1]], len(names))
     if not listed and not has_words:
         # Numbers alone are a table, whose header says what they are.
         return _Columns()
+    rows = []
+    for start, record in zip(starts, records, strict=True):
+        rows.append((lines[start].number, tuple(record[name] for name in names)))
+    before = [(line.number, (_plain(line.text),)) for line in lines[: starts[0]]]
     return _Columns(listed or names, tuple(rows), tuple(before))
+
+
+def _record(numbers: Sequence[_NamedNumber], over: str) -> dict[str, str]:
+    """The numbers of a record by name; several of one name differ by their places: "h", "h 1".
+
+    over: a word over the lines of the record, which is a part of the names that it makes known.
+    """
+    record: dict[str, str] = {}
+    for name, number, _ in numbers:
+        called = name
+        if over and role_of(f"{over} {name}") in QUANTITY_OF:
+            called = f"{over} {name}"
+        if called in record:
+            called = f"{called} {len(record)}"
+        record.setdefault(called, number)
+    _join_stamp(record)
+    return record
 
 
 def _join_stamp(record: dict[str, str]) -> None:
@@ -304,77 +356,102 @@ def _join_stamp(record: dict[str, str]) -> None:
             record["stamp [s]"] = f"{record.pop(whole)}.{int(record.pop(part)):09d}"
 
 
-def _named(lines: Sequence[str]) -> Iterator[list[_Named]]:
-    """The numbers in each of several lines that are alike, with the words that all of them have as
-    names: "bounce 1: 62.2 cm" has the bounce and its height.
+def _named_numbers(lines: Sequence[str]) -> Iterator[list[_NamedNumber]]:
+    """Yield, for each of several lines that are alike, its numbers with their names: the words that all
+    of the lines have. "bounce 1: 62.2 cm" has the bounce and its height.
     """
-    parted = [list(_parts(line)) for line in lines]
-    names: list[str] = []
-    whole: list[str] = []
-    name = ""
-    clocks = [i for i, (_, number, _) in enumerate(parted[0]) if ":" in number]
-    # Of a label, the begin and the end; a clock alone is of touches where its times are a train.
-    of_clocks = ("start", "stop") if len(clocks) > 1 else ("touch",)
-    if len(clocks) == 1 and _are_laps([[number for _, number, _ in line] for line in parted]):
-        of_clocks = ("interval",)
-        # By its number a list with the newest lap first is turned.
-        names.append("bounce")
-    for i, places in enumerate(zip(*parted, strict=True)):
-        befores = [before for before, _, _ in places]
-        is_named = i < len(names)
-        whole.append(_plain(_repeated(befores)))
-        words = _phrase(whole[i], _unit_after(befores[0], places[0][2]))
-        if i in clocks:
-            is_changed = meanings_of(places[0][2]) & CHANGES
-            words = words if role_of(words) else of_clocks[min(clocks.index(i), 1)]
-            words = "other" if is_changed else words
-        elif counts([line[i][1] for line in parted]) and meanings_of(words) <= {"?"}:
-            # "Ben: 1st bounce 62 cm"
-            words = "number"
-        elif meanings_of(words) or not name:
-            name = words
-        else:
-            words = name
-        if not is_named:
-            names.append(words)
-    units = [[_unit_after(before, after) for before, _, after in line] for line in parted]
+    parted = [_numbers_in(line) for line in lines]
+    # What all lines have before each number.
+    common = [
+        _plain(_repeated([one.before for one in numbers])) for numbers in zip(*parted, strict=True)
+    ]
+    units = [[_unit_after(one.before, one.after) for one in line] for line in parted]
+    names = _names_of_numbers(parted, common)
     for i in range(len(names) - 1):
         # "-4.2 -> 2.9 m/s"
-        if names[i] == names[i + 1] and _ARROW.search(parted[0][i + 1][0]):
+        if names[i] == names[i + 1] and _ARROW.search(parted[0][i + 1].before):
             names[i : i + 2] = [f"{names[i]} before", f"{names[i]} after"]
             for each in units:
                 each[i] = each[i] or each[i + 1]
-    for line, each in zip(parted, units, strict=True):
-        yield [
-            _Named(f"{name} [{unit}]" if unit else name, number, words if _letters(words) else name)
-            for name, unit, words, (_, number, _) in zip(names, each, whole, line, strict=True)
-        ]
+    for line, units_of_line in zip(parted, units, strict=True):
+        found = []
+        for name, unit, words, one in zip(names, units_of_line, common, line, strict=True):
+            called = f"{name} [{unit}]" if unit else name
+            found.append(_NamedNumber(called, one.number, words if _letters(words) else name))
+        yield found
+
+
+def _names_of_numbers(
+    parted: Sequence[Sequence[_NumberInLine]], common: Sequence[str]
+) -> list[str]:
+    """The name of each number in lines that are alike; "" where nothing names it.
+
+    parted: the numbers of each line, as many in each. common: the words before each number that all
+    lines have. A number without words has the name of the one before.
+    """
+    clocks = [place for place, one in enumerate(parted[0]) if ":" in one.number]
+    # Of a label, the begin and the end; a clock alone is of touches where its times are a train.
+    of_clocks = ("start", "stop") if len(clocks) > 1 else ("touch",)
+    are_laps = len(clocks) == 1 and _are_laps([[one.number for one in line] for line in parted])
+    if are_laps:
+        of_clocks = ("interval",)
+    names: list[str] = []
+    last = ""
+    for place, first in enumerate(parted[0]):
+        words = _phrase(common[place], _unit_after(first.before, first.after))
+        if place in clocks:
+            if meanings_of(first.after) & CHANGES:
+                words = "other"
+            elif not role_of(words):
+                words = of_clocks[min(clocks.index(place), 1)]
+        elif counts([line[place].number for line in parted]) and meanings_of(words) <= {"?"}:
+            # "Ben: 1st bounce 62 cm"
+            words = "number"
+        elif meanings_of(words) or not last:
+            last = words
+        else:
+            words = last
+        names.append(words)
+    if are_laps:
+        # By its number a list with the newest lap first is turned.
+        names[0] = "bounce"
+    return names
 
 
 def _are_laps(rows: Sequence[Sequence[str]]) -> bool:
     """Say whether rows are the laps of a stopwatch, the newest or the oldest first: a number that counts,
     and a time with hundredths that shrinks from one lap to the next, as flights of a ball do.
+
+    rows: the numbers of each line.
     """
     if len(rows) < _LEAST or any(len(row) != 2 for row in rows):
         return False
-    numbers = [row[0] for row in rows]
-    if not numbers[0].isdigit() or not re.fullmatch(r"(?:\d+:)+\d+[.,]\d+", rows[0][1]):
+    first_number, first_time = rows[0]
+    if not first_number.isdigit() or not re.fullmatch(r"(?:\d+:)+\d+[.,]\d+", first_time):
         return False
-    laps = [re.split(":", time.replace(",", ".")) for _, time in rows]
-    times = [sum(float(x) * 60.0**k for k, x in enumerate(lap[::-1])) for lap in laps]
-    if int(numbers[0]) > 1:
-        numbers, times = numbers[::-1], times[::-1]
+    numbers = [number for number, _ in rows]
+    times = []
+    for _, time in rows:
+        seconds = 0.0
+        # "0:01:02.5": hours, minutes and seconds.
+        for part in time.replace(",", ".").split(":"):
+            seconds = 60.0 * seconds + float(part)
+        times.append(seconds)
+    if int(first_number) > 1:
+        numbers.reverse()
+        times.reverse()
     is_of_ball = counts(numbers) and times[0] < _LONGEST_LAP
     return is_of_ball and all(b < a for a, b in itertools.pairwise(times))
 
 
-def _parts(line: str) -> Iterator[tuple[str, str, str]]:
-    """The words before each number in a line, the number, and the words after it."""
+def _numbers_in(line: str) -> list[_NumberInLine]:
+    """The numbers in a line with the words about them; [] for a line without any."""
     found = list(_NUMBER.finditer(line))
     ends = [0, *(match.end() for match in found)]
     starts = [*(match.start() for match in found), len(line)]
-    for i, match in enumerate(found):
-        yield line[ends[i] : starts[i]], match[0], line[ends[i + 1] : starts[i + 1]]
+    # Words between two numbers are after the one and before the other.
+    words = [line[end:start] for end, start in zip(ends, starts, strict=True)]
+    return [_NumberInLine(words[i], match[0], words[i + 1]) for i, match in enumerate(found)]
 
 
 def _unit_after(before: str, after: str) -> str:
@@ -385,21 +462,29 @@ def _unit_after(before: str, after: str) -> str:
 
 
 def _repeated(texts: Sequence[str]) -> str:
-    """The words of the first text that all of the texts have; "other" where one is apart from them,
-    as in "steel: bounce height", which tells of several balls.
+    """The words of the first text that all of the texts have, with the signs between them.
+
+    "other" where a sign parts a word that changes from them, as in "steel: bounce height", which
+    tells of several balls.
     """
     others = [set(_letters(text)) for text in texts[1:]]
+    # Words and the signs between them in turn.
     parts = re.split(rf"([^\w{_VOWELS}]+)", texts[0])
-    kept = [all(word in other for word in _letters(part) for other in others) for part in parts]
-    changing = "".join(parts[: len(parts) - kept[::-1].index(False)] if not all(kept) else [])
+    is_kept = [all(word in other for word in _letters(part) for other in others) for part in parts]
+    changing = ""
+    if not all(is_kept):
+        last_changing = max(i for i, kept in enumerate(is_kept) if not kept)
+        changing = "".join(parts[: last_changing + 1])
     if changing and re.search(r"[:,;].*[^\W\d]", texts[0][len(changing) :]):
         return "other"
-    return "".join(itertools.compress(parts, kept))
+    return "".join(itertools.compress(parts, is_kept))
 
 
 def _phrase(words: str, unit: str) -> str:
     """The part of a name after a sign, where that alone has a role: the name of the sender, or of the
-    program, goes before it.
+    program, goes before it. The whole name where no part has one.
+
+    unit: behind the number, "" for none.
     """
     # <time unit="s">, <value name="height (cm)">
     given = re.search(r"\s+\w+ = (\S+)$", words)
@@ -409,10 +494,12 @@ def _phrase(words: str, unit: str) -> str:
     signs = [match.end() for match in re.finditer(r"[\]):;,]\s", words)]
     # "lost, height"
     signs = [at for at in signs if not meanings_of(words[:at]) & CHANGES]
-    ways = [words[at:].strip() for at in (0, *signs)]
-    headers = {way: f"{way} [{unit}]" if unit else way for way in ways}
-    known = (way for way in ways if role_of(*split_header(headers[way])) or is_beside(way))
-    return next(known, words)
+    for at in (0, *signs):
+        part = words[at:].strip()
+        header = f"{part} [{unit}]" if unit else part
+        if role_of(*split_header(header)) or is_beside(part):
+            return part
+    return words
 
 
 def _plain(text: str) -> str:
@@ -426,13 +513,14 @@ def _of_lists(text: str) -> _Columns:
     such as "[0.32, 0.61]", "- 0.32" in lines, or "320 * ms," in Go.
 
     A name that comes again begins another drop: a column "drop" then has the drop of each row.
-    Nothing is read where other words tell such lists apart, as those of two balls.
+    Nothing is read where other words tell such lists apart, as those of two balls, and where drops
+    have other columns.
     """
     drops: list[dict[str, list[str]]] = [{}]
-    for label, own, numbers in _named_lists(text):
+    for label, own_name, numbers in _named_lists(text):
         # The name of all may be too far above.
         is_of_drop = tells_drops_apart(label)
-        name = own or (next(iter(drops[0]), "") if is_of_drop else "")
+        name = own_name or (next(iter(drops[0]), "") if is_of_drop else "")
         if not name:
             continue
         if name in drops[-1]:
@@ -443,54 +531,87 @@ def _of_lists(text: str) -> _Columns:
     names = tuple(drops[0])
     if any(tuple(drop) != names for drop in drops):
         return _Columns()
+    has_several = len(drops) > 1
     rows: list[Row] = []
     for number, drop in enumerate(drops, 1):
-        of_drop = (str(number),) if len(drops) > 1 else ()
+        of_drop = (str(number),) if has_several else ()
         padded = itertools.zip_longest(*drop.values(), fillvalue="")
         rows += [(1, (*of_drop, *row)) for row in padded]
-    # The rate of frames and samples stands somewhere else in the text.
-    is_counted = any(role_of(name) in _COUNTED for name in names)
-    others = [line for line in text.splitlines() if len(_IN_LIST.findall(line)) < _LEAST]
-    about = [(1, (line,)) for line in others] if is_counted else []
-    return _Columns((*(["drop"] if len(drops) > 1 else []), *names), tuple(rows), tuple(about))
+    about: list[Row] = []
+    if any(role_of(name) in _COUNTED for name in names):
+        # The rate of frames and samples stands somewhere else in the text.
+        others = [line for line in text.splitlines() if len(_IN_LIST.findall(line)) < _LEAST]
+        about = [(1, (line,)) for line in others]
+    return _Columns(("drop", *names) if has_several else names, tuple(rows), tuple(about))
 
 
-def _named_lists(text: str) -> Iterator[tuple[str, str, list[str]]]:
-    """Each list of numbers in a text, after the word before it and the name there, as of `_name_of`."""
+class _NamedList(NamedTuple):
+    """A list of numbers in a text.
+
+    label: words between the list and its name, such as "drop 2". name: of a column, with its unit.
+    Both are "" where there is none.
+    """
+
+    label: str
+    name: str
+    numbers: list[str]
+
+
+def _named_lists(text: str) -> Iterator[_NamedList]:
+    """Yield each list of numbers in a text, with the name before it.
+
+    A list is in brackets, or after a sign such as "=": numbers below a header are a table.
+    """
     found = list(_IN_LIST.finditer(text))
     gaps = [
         _BETWEEN.sub(" ", text[a.end() : b.start()]).strip() for a, b in itertools.pairwise(found)
     ]
-    for first, at, period in (*_runs(gaps, 1), *_runs(gaps, 2)):
-        gap = gaps[first]
-        numbers = [match[0] for match in found[first : at + 1]]
-        before = text[: found[first].start()].rstrip().removesuffix(gap).rstrip()
-        # A list is in brackets, or after a sign: numbers below a header are a table.
-        if (not gap or period > 1) and before[-1:] not in _OPENING:
+    for run in (*_runs(gaps, 1), *_runs(gaps, 2)):
+        first = found[run.first]
+        last = found[run.last]
+        gap = gaps[run.first]
+        numbers = [match[0] for match in found[run.first : run.last + 1]]
+        above = text[: first.start()]
+        before = above.rstrip().removesuffix(gap).rstrip()
+        if (not gap or run.period > 1) and before[-1:] not in _OPENING:
             continue
-        if period > 1 and not counts(numbers[::2]):
+        # "{1: 0.32, 2: 0.61}" counts its numbers.
+        if run.period > 1 and not counts(numbers[::2]):
             continue
-        inside = text[found[first].end() : found[at].start()]
-        is_over = text[: found[first].start()].rstrip(" \t")[-1:] in ("=", ":")
-        if is_over and inside.count("\n") == at - first:
+        is_a_line_each = text[first.end() : last.start()].count("\n") == run.last - run.first
+        if above.rstrip(" \t")[-1:] in ("=", ":") and is_a_line_each:
             # "rows: 1" is over a column, and no part of it.
             continue
         # Up to the next name in the line.
-        after = re.split(r"[\n:]", text[found[at].end() : found[at].end() + _BEFORE], maxsplit=1)[0]
+        after = re.split(r"[\n:]", text[last.end() : last.end() + _BEFORE], maxsplit=1)[0]
         label, name = _name_of(before[-_BEFORE:], f"{gap.replace('.', ' ')} {after}")
-        yield label, name, numbers[period - 1 :: period]
+        yield _NamedList(label, name, numbers[run.period - 1 :: run.period])
 
 
-def _runs(gaps: Sequence[str], period: int) -> Iterator[tuple[int, int, int]]:
-    """First and last numbers of lists whose gaps are the same again after `period`, and the period: 2
-    of "{1: 0.32, 2: 0.61}".
+class _Run(NamedTuple):
+    """Numbers in a row with the same gaps between them: the places of the first and of the last.
+
+    period: after how many numbers the gaps are the same again: 2 of "{1: 0.32, 2: 0.61}".
+    """
+
+    first: int
+    last: int
+    period: int
+
+
+def _runs(gaps: Sequence[str], period: int) -> Iterator[_Run]:
+    """Yield the runs of numbers that are long enough for a list.
+
+    gaps: signs between each number and the next. period: of the gaps.
     """
     at = 0
-    for is_same, group in itertools.groupby(a == b for a, b in zip(gaps, gaps[period:])):  # noqa: B905
-        first, at = at, at + len(list(group))
+    is_same_again = [gap == later for gap, later in zip(gaps, gaps[period:], strict=False)]
+    for is_same, group in itertools.groupby(is_same_again):
+        first = at
+        at += len(list(group))
         last = at + period
         if is_same and last - first >= period * _LEAST_LISTED - 1:
-            yield first, last, period
+            yield _Run(first, last, period)
 
 
 def _without_types(text: str) -> str:
@@ -499,29 +620,37 @@ def _without_types(text: str) -> str:
 
 
 def _name_of(before: str, after: str) -> tuple[str, str]:
-    """The word between a list and the last name of a column before it, such as "drop 2", and that name
+    """The words between a list and the last name of a column before it, such as "drop 2", and that name
     with a unit that stands near it; "" for none, or where the last name is of something else, such as
     heights lost.
+
+    before, after: the text about the list.
     """
     *_, line = before.splitlines()
     if meanings_of(_without_types(line)) & CHANGES:
         return "", ""
     plain = re.sub(r"\(|<[^<>\n]*>", " ", before).replace("#", ":")
-    phrases = map(_without_types, _SIGNS.split(plain)[::-1])
     label = ""
-    for phrase in filter(None, phrases):
+    # From the list upwards.
+    for phrase in filter(None, map(_without_types, reversed(_SIGNS.split(plain)))):
         name, unit = split_header(phrase)
         role = role_of(name, unit)
         if role in _COUNTED:
             return label, name
         if role in QUANTITY_OF:
-            # Of several lists, each has its unit after it.
-            near = [*re.findall(r"[^\W\d_][\w/]*", after), *reversed(_WORD.findall(before))]
-            found = (one for one in near if is_unit_of(plain_unit(one), QUANTITY_OF[role]))
-            unit = unit or next(found, "")
+            unit = unit or _unit_near(before, after, QUANTITY_OF[role])
             return label, f"{name} [{unit}]" if unit else name
         label = label or phrase
         known = {one for one in meanings_of(name) if one != "?" and not one.isdigit()}
         if known - {"group"} and not is_beside(name):
             break
     return label, ""
+
+
+def _unit_near(before: str, after: str, quantity: str) -> str:
+    """The unit of a quantity that stands nearest to a list, "" for none.
+
+    Of several lists, each has its unit after it; so words after it go first.
+    """
+    words = [*re.findall(r"[^\W\d_][\w/]*", after), *reversed(_WORD.findall(before))]
+    return next((word for word in words if is_unit_of(plain_unit(word), quantity)), "")

@@ -5,10 +5,11 @@ from __future__ import annotations
 import itertools
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from hcbench.fitting.column_names import (
     folded,
+    has_word_of,
     is_unit_of,
     meanings_of,
     plain_unit,
@@ -51,26 +52,41 @@ class _Reading:
         return units.parse(f"{number} {self.unit or unit}", quantity, "reading")
 
 
-def rows_of_prose(text: str) -> tuple[Row, ...]:
-    """A header and rows of the heights, or times, that sentences tell one after the other; empty where
-    it is in doubt whether they are those of one ball.
+class _Told(NamedTuple):
+    """What a chain of readings tells.
 
-    The height of a drop is the first of its heights. A column "drop" parts several drops.
+    name: of the column that they make, such as "height"; "" where they are in doubt.
+    drops: the readings of each drop, SI; none where they are in doubt.
+    """
+
+    name: str
+    drops: list[list[float]]
+
+
+_IN_DOUBT = _Told("", [])
+
+
+def rows_of_prose(text: str) -> tuple[Row, ...]:
+    """A header and rows of the heights, else times, that sentences tell one after the other, in SI.
+
+    Each row has the number of its drop and a reading; the height of the drop is the first of its
+    heights. The rows are empty where it is in doubt whether the readings are those of one ball.
     """
     if len(text) > _LONGEST:
         return ()
     text = folded(text)
-    for quantity, told in (("position", _heights), ("time", _times)):
+    for quantity, told_by in (("position", _heights_told), ("time", _times_told)):
         chains = [one for one in _chains(text, quantity) if len(one) >= _LEAST_IN_A_LINE]
         # Beside another list nobody knows which one is the ball's.
         if len(chains) != 1 or not _shares_a_line(text, chains[0]):
             continue
-        name, drops = told(text, chains[0])
+        name, drops = told_by(text, chains[0])
         if not drops or min(map(len, drops)) < _LEAST:
             continue
-        si_unit = units.QUANTITIES[quantity].unit
-        rows = [(f"{k}", f"{x:.9g}") for k, one in enumerate(drops, 1) for x in one]
-        return ((1, ("drop", f"{name} [{si_unit}]")), *((1, row) for row in rows))
+        rows: list[Row] = [(1, ("drop", f"{name} [{units.QUANTITIES[quantity].unit}]"))]
+        for number, readings in enumerate(drops, 1):
+            rows += [(1, (f"{number}", f"{x:.9g}")) for x in readings]
+        return tuple(rows)
     return ()
 
 
@@ -81,21 +97,23 @@ def _shares_a_line(text: str, chain: Sequence[_Reading]) -> bool:
 
 
 def _chains(text: str, quantity: str) -> Iterator[list[_Reading]]:
-    """Readings of a quantity with no other words between them than those that join readings.
+    """Yield readings of a quantity with no words between them but those that join readings.
 
     A number without a unit is a reading only beside one that has it.
     """
     chain: list[_Reading] = []
     for one in _readings(text, quantity):
-        if chain and not _joins(text[chain[-1].end : one.begin]):
-            yield from [chain] if any(each.unit for each in chain) else []
+        if chain and not _joins_readings(text[chain[-1].end : one.begin]):
+            if any(each.unit for each in chain):
+                yield chain
             chain = []
         chain.append(one)
-    yield from [chain] if any(each.unit for each in chain) else []
+    if any(each.unit for each in chain):
+        yield chain
 
 
 def _readings(text: str, quantity: str) -> Iterator[_Reading]:
-    """Numbers in a text with a unit of a quantity, or with none."""
+    """Yield the numbers in a text with a unit of a quantity, or with none."""
     for match in _READING.finditer(text):
         unit = plain_unit(match["unit"] or "")
         # The word of "0.5 then" is not a unit.
@@ -106,59 +124,59 @@ def _readings(text: str, quantity: str) -> Iterator[_Reading]:
         yield _Reading(match["number"], unit if is_one else "", match.start(), end)
 
 
-def _begins(text: str, meaning: str) -> bool:
-    """Say whether a word of a text begins as one of a meaning."""
-    return any(
-        re.search(rf"(?<![^\W\d_]){re.escape(word)}", text) for word in words_of_texts(meaning)
-    )
-
-
-def _joins(between: str) -> bool:
-    """Say whether all words of a text may stand between two readings of one ball."""
+def _joins_readings(between: str) -> bool:
+    """Say whether all words of a text may stand between two readings of one ball; no number may."""
     if re.search(r"\d", between):
         return False
     return all(
         word in words_of_texts("joins")
-        or _begins(word, "rose")
-        or _begins(word, "let go")
+        or has_word_of(word, "rose")
+        or has_word_of(word, "let go")
         or bool(meanings_of(word) & {"bounce", "touch"})
         for word in re.findall(r"[^\W\d_]+", between)
     )
 
 
-def _heights(text: str, chain: Sequence[_Reading]) -> tuple[str, list[list[float]]]:
-    """Return "height", and the heights of each drop, m: none where one rises that is not that of a drop."""
+def _heights_told(text: str, chain: Sequence[_Reading]) -> _Told:
+    """The heights of each drop, m: a new one begins where the words tell that the ball is let go.
+
+    In doubt where nothing tells that the ball rose, and where a bounce is not below the one before.
+    """
     before = text[: chain[0].begin]
-    if not _begins(text[: chain[-1].end], "rose"):
-        return "", []
+    if not has_word_of(text[: chain[-1].end], "rose"):
+        return _IN_DOUBT
     drops: list[list[float]] = []
-    for at, (one, x) in enumerate(zip(chain, _in_si(chain, "position"), strict=True)):
+    for at, (one, height) in enumerate(zip(chain, _in_si(chain, "position"), strict=True)):
         words = text[chain[at - 1].end : one.begin] if at else before
-        is_drop = _begins(words, "let go") and not _begins(words, "rose")
+        is_drop = has_word_of(words, "let go") and not has_word_of(words, "rose")
         if is_drop or not drops:
             drops.append([])
-        elif x >= drops[-1][-1]:
-            return "", []
-        drops[-1].append(x)
-    return "height", drops
+        elif height >= drops[-1][-1]:
+            return _IN_DOUBT
+        drops[-1].append(height)
+    return _Told("height", drops)
 
 
-def _times(text: str, chain: Sequence[_Reading]) -> tuple[str, list[list[float]]]:
-    """The name of the times, and the times of one drop, s: those of touches rise, those between them
-    fall.
+def _times_told(text: str, chain: Sequence[_Reading]) -> _Told:
+    """The times of one drop, s: those of touches rise, those between touches fall.
+
+    In doubt where they do neither, and where the words before them name something else.
     """
     times = _in_si(chain, "time")
     steps = [b - a for a, b in itertools.pairwise(times)]
-    found = meanings_of(text[: chain[0].begin])
-    if all(step > 0 for step in steps) and found & {"touch", "bounce"}:
-        return "touch time", [times]
-    if all(step < 0 for step in steps) and found & {"interval", "bounce"}:
-        return "interval", [times]
-    return "", []
+    named = meanings_of(text[: chain[0].begin])
+    if all(step > 0 for step in steps) and named & {"touch", "bounce"}:
+        return _Told("touch time", [times])
+    if all(step < 0 for step in steps) and named & {"interval", "bounce"}:
+        return _Told("interval", [times])
+    return _IN_DOUBT
 
 
 def _in_si(chain: Sequence[_Reading], quantity: str) -> list[float]:
-    """Readings in SI; one without a unit has that of the next one that has it, or of the last."""
+    """Readings in SI; in a sentence a unit holds for the numbers before it: "81, 66 and 53 cm".
+
+    The numbers after the last unit have it too.
+    """
     found: list[float] = []
     unit = next(one.unit for one in reversed(chain) if one.unit)
     for one in reversed(chain):

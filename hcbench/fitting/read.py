@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -36,7 +37,7 @@ from hcbench.fitting.pushes import is_single_push, recording_of, require_one_bal
 from hcbench.fitting.recording import is_sound, read_recording
 from hcbench.fitting.sheets import read_sheets
 from hcbench.fitting.signals import evened, signal_in
-from hcbench.fitting.table import Table, cell_of, computed
+from hcbench.fitting.table import Table, computed
 from hcbench.fitting.tables import tables_of
 from hcbench.fitting.track import track_of, upright
 from hcbench.system.errors import UserError
@@ -46,6 +47,8 @@ from hcbench.terms.bounds import require_bounds
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
     from hcbench.fitting.datasets import Dataset
     from hcbench.fitting.force import ForceFit
@@ -84,6 +87,8 @@ _OF_NOISE = 0.02
 _OF_E = 0.05
 # Speeds that differ by less than this share are one speed.
 _ONE_SPEED = 1e-6
+# Share by which a first height may differ from that of the drop, and is it.
+_SAME_HEIGHT = 1e-6
 # Flights that are all shorter, s, are those of no ball one sees: contacts, or another unit.
 _SHORTEST = 10e-3
 # The same of flights that are all longer: those of a ball from 120 m.
@@ -139,89 +144,115 @@ def read_datasets(
     if kind == "signal":
         raise UserError(sanitized(path.name), "no signal over time", _EXPECTED_SIGNAL)
     if part != WHOLE:
-        slot = "--from"
-        if part.train is not None:
-            slot = "--touches"
+        slot = "--from" if part.train is None else "--touches"
         raise UserError(slot, f"given for {path.name}, which is not a recording", "a .wav")
     sheets = read_sheets(path)
-    found, refused = _read(sheets, setup, kind)
-    if refused:
+    read = _read(sheets, setup, kind)
+    if read.refused:
         # No table, or not all: the numbers may stand between words.
         in_text = [replace(sheet, rows=rows_in_text(sheet.text)) for sheet in sheets]
-        found_too, refused_too = _read(in_text, setup, kind)
-        if _impacts(found_too) > _impacts(found):
-            found, refused = found_too, refused_too
-        elif not found:
-            raise _with_what_is_said(sheets, _worst([*refused, *refused_too]))
-    _require_all_read(found, refused)
-    require_usual_fall(sheets, found, setup)
-    return _different([data for _, data in found])
+        read_in_text = _read(in_text, setup, kind)
+        if read_in_text.count_impacts() > read.count_impacts():
+            read = read_in_text
+        elif not read.found:
+            worst = _worst([*read.refused, *read_in_text.refused])
+            raise _with_what_is_said(sheets, worst)
+    _require_all_read(read)
+    require_usual_fall(sheets, read.found, setup)
+    return _different([one.data for one in read.found])
 
 
-def _read(
-    sheets: list[Sheet], setup: MeasurementSetup, kind: str | None
-) -> tuple[list[tuple[DataColumns, Dataset]], list[tuple[Table | None, UserError]]]:
-    """The data sets in sheets with their columns, and the tables that are refused with the errors."""
-    found: list[tuple[DataColumns, Dataset]] = []
-    refused: list[tuple[Table | None, UserError]] = []
-    for table, error in _tables(sheets):
-        if table is None:
-            refused.append((None, error))
+class _Found(NamedTuple):
+    """A table that is read: its columns by role, and the data set of them."""
+
+    columns: DataColumns
+    data: Dataset
+
+
+class _Refused(NamedTuple):
+    """What cannot be read, and why: a table, or None for a sheet without one."""
+
+    table: Table | None
+    error: UserError
+
+
+class _SheetsRead(NamedTuple):
+    """The tables of all sheets: those that are read, and those that are not."""
+
+    found: list[_Found]
+    refused: list[_Refused]
+
+    def count_impacts(self) -> int:
+        """Number of impacts in all that is read."""
+        return sum(len(one.data.pairs()[0]) for one in self.found)
+
+
+def _read(sheets: list[Sheet], setup: MeasurementSetup, kind: str | None) -> _SheetsRead:
+    """Read the tables of sheets; a refusal is returned, since another table may do.
+
+    kind: one of KINDS, in place of what the headers say.
+    """
+    found: list[_Found] = []
+    refused: list[_Refused] = []
+    for table in _tables(sheets):
+        if isinstance(table, UserError):
+            refused.append(_Refused(None, table))
             continue
         try:
-            with explained(table.name, table.header), computed(table.name):
-                scaled, said = scaled_by_fall(table, setup.gravity.value)
-                columns, of_kind = _understood(scaled, kind)
-                columns = _assuming(columns, said)
-                if of_kind in ("force", "loop"):
-                    got = "forces among other files"
-                    raise UserError(table.name, got, "one file of forces alone")
-                found.append((columns, _READERS[of_kind](columns, setup)))
+            found.append(_read_table(table, setup, kind))
         except UserError as error:
-            refused.append((table, error))
-    return found, refused
+            refused.append(_Refused(table, error))
+    return _SheetsRead(found, refused)
 
 
-def _impacts(found: list[tuple[DataColumns, Dataset]]) -> int:
-    """Number of impacts in data sets."""
-    return sum(len(data.pairs()[0]) for _, data in found)
+def _read_table(table: Table, setup: MeasurementSetup, kind: str | None) -> _Found:
+    """The data set of a table with its columns. Raises UserError, `explained`, for what is none."""
+    with explained(table.name, table.header), computed(table.name):
+        scaled, said = scaled_by_fall(table, setup.gravity.value)
+        columns, of_kind = _understood(scaled, kind)
+        columns = _assuming(columns, said)
+        if of_kind in ("force", "loop"):
+            got = "forces among other files"
+            raise UserError(table.name, got, "one file of forces alone")
+        return _Found(columns, _READERS[of_kind](columns, setup))
 
 
-def _tables(sheets: list[Sheet]) -> Iterator[tuple[Table | None, UserError]]:
-    """Each table of the sheets, with an error that is not to be used; and None with the reason for
-    each sheet whose tables cannot be read. Sheets without rows are passed over.
+def _tables(sheets: list[Sheet]) -> Iterator[Table | UserError]:
+    """Yield each table of the sheets, and for each sheet whose tables cannot be read the reason.
+
+    Sheets without rows are passed over.
     """
     for sheet in sheets:
         if not sheet.rows:
             continue
         try:
-            for table in tables_of(sheet):
-                yield table, UserError(sheet.name, "no table", "one")
+            yield from tables_of(sheet)
         except UserError as error:
-            yield None, error
+            yield error
 
 
-def _worst(refused: list[tuple[Table | None, UserError]]) -> UserError:
-    """The refusal, of several, of the sheet that most looks like data."""
+def _worst(refused: list[_Refused]) -> UserError:
+    """The refusal, of several, of the table that most looks like data: by its known columns, then its
+    rows.
+    """
 
-    def columns_known(one: tuple[Table | None, UserError]) -> tuple[int, int]:
-        table = one[0]
-        if table is None:
+    def likeness(one: _Refused) -> tuple[int, int]:
+        if one.table is None:
             return 0, 0
-        return sum(role_of(*name) in QUANTITY_OF for name in table.header), len(table.cells)
+        known = sum(role_of(*name) in QUANTITY_OF for name in one.table.header)
+        return known, len(one.table.cells)
 
-    return max(refused, key=columns_known)[1]
+    return max(refused, key=likeness).error
 
 
-def _require_all_read(
-    found: list[tuple[DataColumns, Dataset]], refused: list[tuple[Table | None, UserError]]
-) -> None:
+def _require_all_read(read: _SheetsRead) -> None:
     """Raise the refusal of a table that has the columns of one that is read, or as many in the same
     sheet: a drop, or its last bounces, would be missing.
     """
-    headers = {columns.table.header for columns, _ in found}
-    widths = {(columns.table.name, len(columns.table.header)) for columns, _ in found}
-    for table, error in refused:
+    tables = [one.columns.table for one in read.found]
+    headers = {table.header for table in tables}
+    widths = {(table.name, len(table.header)) for table in tables}
+    for table, error in read.refused:
         if table is None:
             continue
         if table.header in headers or (table.name, len(table.header)) in widths:
@@ -315,12 +346,40 @@ def _of_bounces(columns: DataColumns, kind: str, asked: str | None) -> str:
 def _complete(columns: DataColumns, kind: str) -> DataColumns:
     """The columns without rows that lack a reading, and with times that rise.
 
+    kind: of the data, whose columns the table has.
     Of successive bounces only those before the first and after the last reading are left out: a gap
     among them counts. A list from the last to the first row, or shuffled beside the numbers of its
     rows, is turned.
+    Raises UserError where no row is left, and for bounces of several drops.
+    """
+    are_in_a_row = kind in ("times", "heights")
+    columns = columns.taken(_rows_given(columns, kind))
+    if are_in_a_row:
+        require_one_drop(columns)
+        order = row_order(columns)
+        if order is not None:
+            return columns.taken(order.tolist())
+    has_times = "time" in columns.places
+    if has_times and kind in ("times", "track", "force"):
+        times = columns.table.numbers(columns.places["time"])
+        is_turned = len(times) > 1 and bool((np.diff(times) < 0).all())
+        # Times of touches that do not rise may be exchanged, or of another drop; samples are sorted.
+        is_sortable = kind != "times" and len(set(times.tolist())) == len(times)
+        if is_turned or is_sortable:
+            return columns.taken(np.argsort(times, kind="stable").tolist())
+    is_numbered = any(meanings_of(name) & _NUMBERS for name, _ in columns.table.header)
+    if has_times or (are_in_a_row and is_numbered):
+        # Heights alone may be the same twice.
+        return columns.taken(_without_copies(columns))
+    return columns
+
+
+def _rows_given(columns: DataColumns, kind: str) -> list[int]:
+    """The rows that have all readings of a kind of data, and those between such rows where they are
+    successive bounces. Raises UserError where no row has them.
     """
     needed = next(
-        of for of, of_kind in DATA_KINDS.items() if of_kind == kind and of <= columns.roles
+        roles for roles, of in DATA_KINDS.items() if of == kind and roles <= columns.roles
     )
     given = np.ones(len(columns.table.cells), dtype=bool)
     for role in needed & columns.places.keys():
@@ -329,22 +388,8 @@ def _complete(columns: DataColumns, kind: str) -> DataColumns:
     if not len(kept):
         raise UserError(columns.table.name, "no row has all of its numbers", "rows of numbers")
     if kind in ("times", "heights"):
-        kept = np.arange(kept[0], kept[-1] + 1)
-    columns = columns.taken(kept.tolist())
-    if kind in ("times", "heights"):
-        require_one_drop(columns)
-    order = row_order(columns)
-    if order is not None and kind in ("times", "heights"):
-        return columns.taken(order.tolist())
-    if "time" in columns.places and kind in ("times", "track", "force"):
-        numbers = columns.table.numbers(columns.places["time"])
-        is_turned = len(numbers) > 1 and bool((np.diff(numbers) < 0).all())
-        if is_turned or (kind != "times" and len(set(numbers.tolist())) == len(numbers)):
-            return columns.taken(np.argsort(numbers, kind="stable").tolist())
-    is_numbered = any(meanings_of(name) & _NUMBERS for name, _ in columns.table.header)
-    if "time" in columns.places or (kind in ("times", "heights") and is_numbered):
-        return columns.taken(_without_copies(columns))
-    return columns
+        return list(range(int(kept[0]), int(kept[-1]) + 1))
+    return [int(row) for row in kept]
 
 
 def _without_copies(columns: DataColumns) -> list[int]:
@@ -362,9 +407,9 @@ def has_force(path: Path, kind: str | None = None) -> bool:
 
 
 def _force_columns(path: Path, kind: str | None) -> tuple[DataColumns, str] | None:
-    """The columns of a file of forces, and their kind; None for any other.
+    """The columns of a file of forces, and their kind, "force" or "loop"; None for any other file.
 
-    kind: as for `read_dataset`.
+    kind: as for `read_dataset`. Raises UserError for a table with a force that is not fitted.
     """
     if kind not in (None, "force", "loop") or is_sound(path):
         return None
@@ -372,10 +417,8 @@ def _force_columns(path: Path, kind: str | None) -> tuple[DataColumns, str] | No
     if kind is None and signal is not None and not is_single_push(signal):
         # Touches of a ball, or no force at all.
         return None
-    for table, _ in _tables(read_sheets(path)):
-        if table is None or not any(
-            role_of(*name) == "force" or is_unit_of(name[1], "force") for name in table.header
-        ):
+    for table in _tables(read_sheets(path)):
+        if isinstance(table, UserError) or not _may_have_force(table):
             continue
         with explained(table.name, table.header):
             columns = columns_of(completed(table, kind)[0], kind)
@@ -387,6 +430,13 @@ def _force_columns(path: Path, kind: str | None) -> tuple[DataColumns, str] | No
             of_kind = _kind_of(columns, kind)
             return _complete(columns, of_kind), of_kind
     return None
+
+
+def _may_have_force(table: Table) -> bool:
+    """Say whether a column has the name, or the unit, of a force."""
+    return any(
+        role_of(name, unit) == "force" or is_unit_of(unit, "force") for name, unit in table.header
+    )
 
 
 def read_force(path: Path, setup: MeasurementSetup, kind: str | None = None) -> ForceFit | None:
@@ -413,8 +463,9 @@ def _with_what_is_said(sheets: list[Sheet], error: UserError) -> UserError:
     any other error as it is.
     """
     unit = {"mass": r"(?:[kmкм]?[gг]|克)\b", "speed": r"(?:[ck]?m/s|km/h)"}.get(error.slot)
-    lines = "\n".join(sheet.text for sheet in sheets).splitlines() if unit else []
-    for line in lines:
+    if unit is None:
+        return error
+    for line in "\n".join(sheet.text for sheet in sheets).splitlines():
         if match := re.search(rf"\d+(?:[.,]\d+)?\s*{unit}", line):
             value = match[0].replace(",", ".")
             advice = f"The file has {line.strip()!r}: give --{error.slot} {value!r} if that is it"
@@ -431,7 +482,7 @@ def _fitted_force(columns: DataColumns, setup: MeasurementSetup, kind: str) -> F
         with computed(columns.table.name):
             return fit_loop(columns.table.name, x, v, force, setup.exponent)
     time = columns.get("time")
-    columns.require("time", np.concatenate([[True], np.diff(time) > 0]), "times that rise")
+    columns.require("time", _rises_at(time), "times that rise")
     even = evened(time)
     if even is not None:
         time = even
@@ -481,43 +532,61 @@ def _touches_in(recording: Recording, setup: MeasurementSetup, part: Excerpt) ->
 
 
 def _times(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
-    """Read touch times, or the intervals between touches, s. Raises UserError unless they rise.
+    """The touches of a table of times, of intervals between touches, or of numbers of frames.
 
-    A row without a time is a touch that was not seen.
+    Raises UserError for times that do not rise, and intervals that are not above 0 or of no ball.
     """
-    name = columns.table.name
-    if "interval" in columns.places and "time" not in columns.roles:
-        if (np.diff(bounce_numbers(columns)) > 1).any():
-            raise UserError(name, "flights are left out", "each flight, one after the other")
-        intervals = columns.get("interval")
-        if len(intervals) > 1 and intervals[-1] == 0:
-            # The last touch has no interval after it.
-            intervals = intervals[:-1]
-        columns.require("interval", intervals > 0, "above 0")
-        if len(intervals) > 2 and (np.diff(intervals) > 0).all():
-            raise UserError(
-                name, "flights that last longer and longer", "each shorter, as of a ball"
-            )
-        return _touch_times(
-            name, setup, np.concatenate([[0.0], np.cumsum(intervals)]), columns.assumed
-        )
-    if "time" not in columns.places:
-        # Frames or samples that are counted.
-        counted = columns.get("time")
-        clock = "frame" if "frame" in columns.places else "sample"
-        rises = np.concatenate([[True], np.diff(counted) > 0])
-        columns.require(clock, rises, f"{clock}s that rise")
-        return _touch_times(name, setup, counted, columns.assumed)
+    if "time" in columns.places:
+        return _touches_at_times(columns, setup)
+    if "interval" in columns.places:
+        return _touches_after_intervals(columns, setup)
+    return _touches_at_frames(columns, setup)
+
+
+def _touches_at_times(columns: DataColumns, setup: MeasurementSetup) -> TouchTimes:
+    """Touches at times, s. A row without a time is a touch that was not seen."""
     seen, numbers = _seen(columns, "time")
     seen = _in_turn(seen)
     times = seen.get("time")
-    seen.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
-    return replace(_touch_times(name, setup, times, seen.assumed), numbers=numbers)
+    seen.require("time", _rises_at(times), "times that rise")
+    return replace(_touch_times(seen.table.name, setup, times, seen.assumed), numbers=numbers)
+
+
+def _touches_at_frames(columns: DataColumns, setup: MeasurementSetup) -> TouchTimes:
+    """Touches at frames, or samples, that are counted at a known rate."""
+    times = columns.get("time")
+    clock = "frame" if "frame" in columns.places else "sample"
+    columns.require(clock, _rises_at(times), f"{clock}s that rise")
+    return _touch_times(columns.table.name, setup, times, columns.assumed)
+
+
+def _touches_after_intervals(columns: DataColumns, setup: MeasurementSetup) -> TouchTimes:
+    """Touches of which each row has the time, s, to the next one; the first is at 0 s."""
+    name = columns.table.name
+    if (np.diff(bounce_numbers(columns)) > 1).any():
+        raise UserError(name, "flights are left out", "each flight, one after the other")
+    intervals = columns.get("interval")
+    if len(intervals) > 1 and intervals[-1] == 0:
+        # The last touch has no interval after it.
+        intervals = intervals[:-1]
+    columns.require("interval", intervals > 0, "above 0")
+    if len(intervals) > 2 and (np.diff(intervals) > 0).all():
+        raise UserError(name, "flights that last longer and longer", "each shorter, as of a ball")
+    times = np.concatenate([[0.0], np.cumsum(intervals)])
+    return _touch_times(name, setup, times, columns.assumed)
+
+
+def _rises_at(values: Floats) -> NDArray[np.bool_]:
+    """For each of n values, True where it is above the one before; True for the first."""
+    return np.concatenate([np.array([True]), np.diff(values) > 0])
 
 
 def _seen(columns: DataColumns, role: str) -> tuple[DataColumns, Indices | None]:
-    """The rows of bounces that have a reading, and which bounce each is, None where all are seen: a
-    row without a reading, and a number that is left out, are one that was not seen.
+    """The rows of bounces that have a reading, and which bounce each is, from 0 for the first of them,
+    (n,); None where all are seen.
+
+    role: "time" or "height". A row without a reading, and a number that is left out, are a bounce that
+    was not seen. Raises UserError where more than three in a row were not.
     """
     given = np.flatnonzero(columns.table.is_given(columns.places[role]))
     numbers = bounce_numbers(columns)[given]
@@ -527,11 +596,10 @@ def _seen(columns: DataColumns, role: str) -> tuple[DataColumns, Indices | None]
         return seen, None
     if np.diff(numbers).max() > _MOST_UNSEEN + 1:
         got = f"numbers of bounces that leave out {np.diff(numbers).max() - 1}"
-        raise UserError(
-            columns.table.name, got, f"at most {_MOST_UNSEEN} bounces not seen in a row"
-        )
+        expected = f"at most {_MOST_UNSEEN} bounces not seen in a row"
+        raise UserError(columns.table.name, got, expected)
     event = "touch" if role == "time" else "bounce"
-    shown = ", ".join(str(i + 1) for i in missing[:_MOST_SHOWN])
+    shown = ", ".join(str(number + 1) for number in missing[:_MOST_SHOWN])
     said = f"no {role} of {event} {shown}, counted from 1: read as not seen"
     return _assuming(seen, said), numbers - numbers[0]
 
@@ -543,18 +611,19 @@ def _assuming(columns: DataColumns, said: str) -> DataColumns:
 
 def _in_turn(columns: DataColumns) -> DataColumns:
     """Rows with the times of two touches that stand in each other's place exchanged, if that alone
-    makes times rise.
+    makes times rise; else the rows as they are.
     """
     times = columns.table.numbers(columns.places["time"])
     wrong = np.flatnonzero(np.diff(times) <= 0)
     if len(wrong) != 1:
         return columns
+    first = int(wrong[0])
     order = np.arange(len(times))
-    order[[wrong[0], wrong[0] + 1]] = order[[wrong[0] + 1, wrong[0]]]
+    order[first] = first + 1
+    order[first + 1] = first
     if not is_train(times[order]):
         return columns
-    shown = " and ".join(f"{times[i]:g}" for i in wrong[0] + np.arange(2))
-    said = f"times {shown} do not rise: read as exchanged"
+    said = f"times {times[first]:g} and {times[first + 1]:g} do not rise: read as exchanged"
     return _assuming(columns.taken(order.tolist()), said)
 
 
@@ -570,13 +639,15 @@ def _touch_times(
         raise too_few_touches(name, len(times), setup.least_touches)
     _require_few(name, len(times), "times")
     flights = np.diff(times)
-    if len(flights) and (flights.max() < _SHORTEST or flights.min() > _LONGEST):
-        is_short = flights.max() < _SHORTEST
-        bound = f"most {flights.max():.2g}" if is_short else f"least {flights.min():.2g}"
-        got = f"flights of at {bound} s"
+    got = ""
+    if len(flights) and flights.max() < _SHORTEST:
+        got = f"flights of at most {flights.max():.2g} s"
+    elif len(flights) and flights.min() > _LONGEST:
+        got = f"flights of at least {flights.min():.2g} s"
+    if got:
         raise UserError(name, got, "those of a bouncing ball", "Look at the unit")
-    if setup.contact_time.value >= np.diff(times).min():
-        got = f"{setup.contact_time.value:g} s, and two touches {np.diff(times).min():.3g} s apart"
+    if setup.contact_time.value >= flights.min():
+        got = f"{setup.contact_time.value:g} s, and two touches {flights.min():.3g} s apart"
         raise UserError("contact-time", got, "less than from one touch to the next")
     return TouchTimes(name, setup, times, assumed=assumed)
 
@@ -615,50 +686,49 @@ def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     above = np.flatnonzero(heights > 0)
     if 0 < len(above) == above[-1] + 1:
         # After the last bounce that rises, the ball rests at 0.
-        columns, heights = columns.taken(above.tolist()), heights[above]
+        columns = columns.taken(above.tolist())
+        heights = heights[above]
         numbers = None if numbers is None else numbers[above]
+    name = columns.table.name
     columns.require("height", heights > 0, "above 0: the bottom of the ball above the plate")
-    require_bounds(f"{columns.table.name}: height", heights.tolist(), "length", "m")
-    if (
-        setup.height is not None
-        and len(heights)
-        and abs(heights[0] / setup.height.value - 1.0) < 1e-6
-    ):
+    require_bounds(f"{name}: height", heights.tolist(), "length", "m")
+    drop = None if setup.height is None else setup.height.value
+    if drop is not None and len(heights) and abs(heights[0] / drop - 1.0) < _SAME_HEIGHT:
         # The first row is the height of the drop itself: it comes before the first bounce.
         heights = heights[1:]
         numbers = None if numbers is None else numbers[1:] - 1
-    _require_falling(columns, _rounding(columns, setup))
-    _require_few(columns.table.name, len(heights), "heights")
-    given = columns.uncertainty("height")
+    _require_falling(columns, _allowed_rise(columns))
+    _require_few(name, len(heights), "heights")
     # Heights lie between the touches: one fewer.
     least = setup.least_touches - 1
     if len(heights) < least:
         got = f"{len(heights)} heights"
-        raise UserError(columns.table.name, got, f"{least} or more bounces", "Fewer have no check")
-    if setup.height is not None and heights[0] >= setup.height.value:
-        got = f"the first bounce rises to {heights[0]:.4g} m, let go at {setup.height.value:.4g} m"
+        raise UserError(name, got, f"{least} or more bounces", "Fewer have no check")
+    if drop is not None and heights[0] >= drop:
+        got = f"the first bounce rises to {heights[0]:.4g} m, let go at {drop:.4g} m"
         raise UserError("height", got, "a bounce below the drop")
-    height_noise = None
-    if given.any():
-        height_noise = float(given.mean())
-    return Heights(columns.table.name, setup, heights, height_noise, columns.assumed, numbers)
+    given = columns.uncertainty("height")
+    noise = float(given.mean()) if given.any() else None
+    return Heights(name, setup, heights, noise, columns.assumed, numbers)
 
 
-def _rounding(columns: DataColumns, setup: MeasurementSetup) -> float:
-    """Largest rise of a height above the one before it, m: by the last digit that the file has, the
-    given uncertainty, or 2 % of the largest.
+def _allowed_rise(columns: DataColumns) -> float:
+    """Largest rise of a height above the one before it that is none, m: by the last digit that the file
+    has, the given uncertainty, or 2 % of the largest height.
     """
-    heights = columns.get("height")
-    last = 1.0
-    for row in columns.table.cells:
-        _, point, digits = cell_of(row, columns.places["height"]).partition(
-            columns.table.style.decimal
-        )
-        digits = re.match(r"\d*", digits)[0]  # type: ignore[index]
-        last = min(last, 10.0 ** -len(digits) if point else 1.0)
-    scale = columns.table.scale(columns.places["height"], "position")
+    table = columns.table
+    place = columns.places["height"]
+    # In the unit of the file.
+    last_digit = 1.0
+    for text in table.texts(place):
+        _, point, behind = text.partition(table.style.decimal)
+        if point:
+            decimals = len(behind) - len(behind.lstrip("0123456789"))
+            last_digit = min(last_digit, 10.0**-decimals)
+    # More than the digit itself, for rounding of floats.
+    of_digit = 1.01 * last_digit * table.scale(place, "position")
     given = float(columns.uncertainty("height").max(initial=0.0))
-    return max(1.01 * last * scale, 3.0 * given, _OF_NOISE * float(heights.max()))
+    return max(of_digit, 3.0 * given, _OF_NOISE * float(columns.get("height").max()))
 
 
 def _require_falling(columns: DataColumns, allowed: float) -> None:
@@ -672,23 +742,19 @@ def _require_falling(columns: DataColumns, allowed: float) -> None:
 
 
 def _pairs(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
-    """Impact speeds with the e of each.
+    """Impacts of which each has a speed before, m/s, or the height of its drop, m, and e or e².
 
     Raises UserError for speeds that are not above 0, and an e outside of 0 ... 1.2.
     """
     name = columns.table.name
-    if "speed_in" in columns.places:
-        role = "speed_in"
-    elif "speed" in columns.places:
-        role = "speed"
-    else:
-        role = "height_in"
+    role = next(one for one in ("speed_in", "speed", "height_in") if one in columns.places)
     size = columns.get(role)
     columns.require(role, size > 0, "above 0")
-    u_speed = columns.uncertainty(role)
     speed = size
+    u_speed = columns.uncertainty(role)
     if role == "height_in":
-        speed = np.array([setup.ballistics.dropped(h)[0] for h in size])
+        speed = np.array([setup.ballistics.dropped(height)[0] for height in size])
+        # A speed goes as the root of its height.
         u_speed = 0.5 * speed * u_speed / size
     require_bounds(f"{name}: {role}", speed.tolist(), "speed", "m/s")
     if "restitution" in columns.places:
@@ -704,13 +770,18 @@ def _pairs(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
 
 
 def _speeds(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
-    """Speeds before and after each impact."""
+    """Impacts from the speeds before and after each, m/s, or from velocities of opposite signs.
+
+    Raises UserError for a speed before that is not above 0, and for gains of speed in more than a
+    quarter of the rows.
+    """
     name = columns.table.name
     before = columns.get("speed_in")
     after = columns.get("speed_out")
     if (before * after <= 0.0).all():
         # A velocity is turned round.
-        before, after = np.abs(before), np.abs(after)
+        before = np.abs(before)
+        after = np.abs(after)
     columns.require("speed_in", before > 0, "a speed above 0")
     require_bounds(f"{name}: speed_in", before.tolist(), "speed", "m/s")
     gains = after > 1.2 * before
@@ -726,12 +797,17 @@ def _speeds(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
 
 
 def _require_e(columns: DataColumns, e: Floats) -> None:
-    """Raise UserError where a column of e says something else than the speeds, or heights, beside it."""
+    """Raise UserError where a column of e says something else than the speeds, or heights, beside it.
+
+    e: (n,), computed from those. A table without a column of e, and its empty cells, say nothing.
+    """
     if "restitution" not in columns.places:
         return
-    at = columns.places["restitution"]
-    percent = 0.01 if columns.table.unit_of(at, "number") == "%" else 1.0
-    written = percent * columns.table.numbers(at)
+    place = columns.places["restitution"]
+    in_percent = columns.table.unit_of(place, "number") == "%"
+    written = columns.table.numbers(place)
+    if in_percent:
+        written = 0.01 * written
     expected = f"{e[0]:.3g}, of the columns before and after"
     off = np.abs(written - e) > _OF_E * np.maximum(e, 0.2)
     columns.require("restitution", ~off | np.isnan(written), expected)
@@ -743,7 +819,8 @@ def _energies(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     Raises UserError without the mass, for energies of 0 and below, and a gain of energy.
     """
     name = columns.table.name
-    before, after = columns.get("energy_in"), columns.get("energy_out")
+    before = columns.get("energy_in")
+    after = columns.get("energy_out")
     if setup.mass is None:
         raise UserError("mass", f"not given for {name}", "the mass of the ball")
     columns.require("energy_in", before > 0, "above 0")
@@ -751,33 +828,39 @@ def _energies(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     e = np.sqrt(after / before)
     _require_e(columns, e)
     speed = np.sqrt(2.0 * before / setup.mass.value)
-    nothing = np.zeros(len(before))
-    return _checked_pairs(SpeedPairs(name, setup, speed, e, nothing, nothing, twice=True))
+    return _checked_pairs(_without_uncertainties(name, setup, speed, e))
+
+
+def _without_uncertainties(
+    name: str, setup: MeasurementSetup, speed: Floats, e: Floats
+) -> SpeedPairs:
+    """Impacts at speeds, m/s, whose e is v_out/v_in: both (n,), of errors that are to be found."""
+    nothing = np.zeros(len(speed))
+    return SpeedPairs(name, setup, speed, e, nothing, nothing, twice=True)
 
 
 def _rises(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
-    """Impacts from heights of drops and of their rebounds, m: the speeds in and out of each impact,
-    m/s.
+    """Impacts from heights of drops, m, and of their rebounds, m, or the flights after them, s.
 
-    Raises UserError for heights of 0 and below, and a rebound above its drop.
+    Raises UserError for heights of 0 and below, a rebound above its drop, and rebounds that are not
+    the first ones.
     """
+    ballistics = setup.ballistics
     before = columns.get("height_in")
     columns.require("height_in", before > 0, "above 0")
     role = "height_out" if "height_out" in columns.places else "interval"
     after = columns.get(role)
     if role == "interval":
-        # A flight of the time T rises to g T²/8.
-        after = setup.ballistics.gravity * after**2 / 8.0
+        launches = (ballistics.launch(time) for time in after)
+        after = np.array([math.copysign(ballistics.apex(v)[0], v) for v in launches])
     name, _ = columns.table.header[columns.places[role]]
     if any(int(number) > 1 for number in re.findall(r"\d+", name)):
         raise UserError(columns.table.name, f"{name!r}", "the height of the first rebound")
     columns.require(role, (after >= 0) & (after <= before), "a rebound below the drop")
-    v_in = np.array([setup.ballistics.dropped(h)[0] for h in before])
-    v_out = np.sqrt(2.0 * setup.ballistics.gravity * after)
-    _require_e(columns, v_out / v_in)
-    nothing = np.zeros(len(before))
-    name = columns.table.name
-    return _checked_pairs(SpeedPairs(name, setup, v_in, v_out / v_in, nothing, nothing, twice=True))
+    v_in = np.array([ballistics.dropped(height)[0] for height in before])
+    e = ballistics.launch_to(after) / v_in
+    _require_e(columns, e)
+    return _checked_pairs(_without_uncertainties(columns.table.name, setup, v_in, e))
 
 
 def _checked_pairs(pairs: SpeedPairs) -> SpeedPairs:
@@ -785,21 +868,20 @@ def _checked_pairs(pairs: SpeedPairs) -> SpeedPairs:
 
     Needed are 3 to 500 impacts, two speeds or more, and an e above 0.
     """
-    if len(pairs.speed) > _MOST_PAIRS:
-        got = f"{len(pairs.speed)} impacts"
-        raise UserError(
-            pairs.name, got, f"up to {_MOST_PAIRS}", "Average those of nearly one speed"
-        )
-    if len(pairs.speed) < 3:
-        got = f"{len(pairs.speed)} impacts"
-        raise UserError(pairs.name, got, "3 or more", "Fewer say nothing of how far to trust them")
+    name = pairs.name
+    count = len(pairs.speed)
+    if count > _MOST_PAIRS:
+        advice = "Average those of nearly one speed"
+        raise UserError(name, f"{count} impacts", f"up to {_MOST_PAIRS}", advice)
+    if count < 3:
+        advice = "Fewer say nothing of how far to trust them"
+        raise UserError(name, f"{count} impacts", "3 or more", advice)
     if float(np.ptp(pairs.speed)) <= _ONE_SPEED * float(pairs.speed.max()):
-        got = f"{len(pairs.speed)} impacts, all at {pairs.speed[0]:.4g} m/s"
-        raise UserError(pairs.name, got, "two speeds or more", "One speed gives one e, and no α")
+        got = f"{count} impacts, all at {pairs.speed[0]:.4g} m/s"
+        raise UserError(name, got, "two speeds or more", "One speed gives one e, and no α")
     if not (pairs.restitution > 0.0).any():
-        raise UserError(
-            pairs.name, "no impact rebounds: a rest only", "e above 0", "α cannot be known from it"
-        )
+        got = "no impact rebounds: a rest only"
+        raise UserError(name, got, "e above 0", "α cannot be known from it")
     return pairs
 
 
@@ -808,14 +890,13 @@ def _track(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
 
     Raises UserError for times that do not rise, and a track of few points.
     """
+    name = columns.table.name
     times = columns.get("time")
     heights = columns.get("height")
-    columns.require("time", np.concatenate([[True], np.diff(times) > 0]), "times that rise")
+    columns.require("time", _rises_at(times), "times that rise")
     if len(times) < _LEAST_SAMPLES:
-        raise UserError(
-            columns.table.name, f"{len(times)} points", f"{_LEAST_SAMPLES} or more of a track"
-        )
-    track = track_of(columns.table.name, setup, times, upright(times, heights, setup))
+        raise UserError(name, f"{len(times)} points", f"{_LEAST_SAMPLES} or more of a track")
+    track = track_of(name, setup, times, upright(times, heights, setup))
     return replace(track, assumed=columns.assumed)
 
 

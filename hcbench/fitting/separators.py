@@ -6,7 +6,8 @@ import csv
 import io
 import itertools
 import re
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
 
 from hcbench.fitting.cells import counts, is_missing, looks_numeric
 from hcbench.fitting.column_names import (
@@ -46,7 +47,8 @@ _LATEX_ALONE = re.compile(
 )
 # Rows of a matrix or a list in a program: "[1, 2],", "{1, 2},", "1 2;".
 _IN_BRACKETS = re.compile(r"\s*[\[({].*[\])}]+[,;]?\s*$|[^\[({]*\d\s*;\s*$")
-# Lines that are looked at to find the separator.
+# Lines that are looked at to find the separator: all of the first ones, and others further down.
+_FIRST_LOOKED_AT = 40
 _MOST_LOOKED_AT = 200
 # Meanings of a name that other columns complete.
 _ALONE = ({"x"}, {"uncertainty"})
@@ -73,31 +75,20 @@ def rows_of(name: str, lines: Sequence[tuple[int, str]]) -> tuple[Row, ...]:
             expected = f"lines of at most {_LONGEST_LINE}"
             raise UserError(f"{name}, line {number}", got, expected, "Write a row for each reading")
     kept = list(_without_marks(lines))
-    told = re.fullmatch(r"sep=(.)", kept[0][1].strip()) if kept else None
-    if told is not None:
+    # Excel writes the sign into the first line: "sep=;".
+    stated = re.fullmatch(r"sep=(.)", kept[0][1].strip()) if kept else None
+    if stated is not None:
         kept = kept[1:]
     texts = [text for _, text in kept]
-    if told is not None:
-        sign = told[1]
-    else:
-        sign = max(
-            _SEPARATORS, key=lambda one: (_score(texts, one)[0], _known_names(texts[:1], one))
-        )
-    _, width, first = _score(texts, sign)
-    is_counted = counts([split(text, sign)[0] for text in texts[first:]])
+    sign = _likeliest_sign(texts) if stated is None else stated[1]
+    found = _score(texts, sign)
+    is_counted = counts([split(text, sign)[0] for text in texts[found.first :]])
     rows: list[Row] = []
     for at, (number, text) in enumerate(kept):
-        cells = split(text, sign)
-        if at < first:
-            # A header may have other signs between its names than there are between the numbers;
-            # pandas prints no name over the index of the rows.
-            ways = [
-                way
-                for way in header_cells(text, sign, width)
-                if len(way) == width or (is_counted and len(way) == width - 1)
-            ]
-            best = max(ways, key=lambda way: sum(map(_is_known, way)) - len(way), default=cells)
-            cells = [name.strip('"') for name in best]
+        if at < found.first:
+            cells = _cells_above(text, sign, found.width, is_counted)
+        else:
+            cells = split(text, sign)
         longest = max(map(len, cells))
         if longest > _LONGEST:
             where = f"{name}, line {number}"
@@ -107,22 +98,51 @@ def rows_of(name: str, lines: Sequence[tuple[int, str]]) -> tuple[Row, ...]:
     return tuple(rows)
 
 
+def _likeliest_sign(texts: Sequence[str]) -> str:
+    """The sign that parts lines best; of equal ones, that which gives the first line known names."""
+
+    def worth(sign: str) -> tuple[float, int]:
+        return _score(texts, sign).score, _known_names(texts[:1], sign)
+
+    return max(_SEPARATORS, key=worth)
+
+
+def _cells_above(text: str, sign: str, width: int, is_counted: bool) -> list[str]:
+    """Cells of a line above the numbers, which may be the header.
+
+    sign, width: of the rows of numbers. is_counted: their first column counts, and may have no name:
+    pandas prints none over the index of the rows.
+    A header may have other signs between its names than there are between the numbers. Of the ways that
+    give as many names as numbers the one with the most known names is taken.
+    """
+    ways = [
+        way
+        for way in header_cells(text, sign, width)
+        if len(way) == width or (is_counted and len(way) == width - 1)
+    ]
+    if not ways:
+        cells = split(text, sign)
+    else:
+        cells = max(ways, key=lambda way: sum(map(_is_known, way)) - len(way))
+    return [name.strip('"') for name in cells]
+
+
 def _without_marks(lines: Sequence[tuple[int, str]]) -> Iterator[tuple[int, str]]:
-    """Lines without comments, rules and LaTeX's commands.
+    """Yield lines without comments, rules and the marks of Markdown, wikis, matrices and LaTeX.
 
     Before the first numbers a comment may be a header: there it loses its mark only.
     """
     is_wiki = any(text.lstrip().startswith("{|") for _, text in lines)
     of_numbers = [text for _, text in lines if any(map(str.isdigit, text))]
-    in_brackets = sum(1 for text in of_numbers if _IN_BRACKETS.match(text)) * 2 > len(of_numbers)
+    is_matrix = sum(1 for text in of_numbers if _IN_BRACKETS.match(text)) * 2 > len(of_numbers)
     is_latex = sum(1 for _, text in lines if _LATEX_END.search(text)) > 1
-    begun = False
+    has_numbers = False
     for number, line in lines:
         text = line
         # Wikis write a sign twice: "! a !! b" and "| 1 || 2", or "||a||b||" in headers alone.
         if is_wiki or text.startswith("||"):
             text = re.sub(r"^\s*!|!!|\|\|", "|", text)
-        if in_brackets:
+        if is_matrix:
             text = _without_brackets(text)
         if is_latex:
             if _LATEX_ALONE.fullmatch(text):
@@ -130,15 +150,16 @@ def _without_marks(lines: Sequence[tuple[int, str]]) -> Iterator[tuple[int, str]
             text = _plain(_LATEX_END.sub("", text).removeprefix("\\hline").strip())
         if _RULE.fullmatch(text) or (is_wiki and text.startswith(("{|", "|-", "|}"))):
             continue
-        bare = _COMMENT.sub("", text, count=1) if _COMMENT.match(text) else text
-        if bare != text:
-            if begun:
-                continue
-            text = bare.removesuffix("-->")
+        comment = _COMMENT.match(text)
+        if comment is not None and has_numbers:
+            continue
+        if comment is not None:
+            text = text[comment.end() :].removesuffix("-->")
         else:
             text = _AFTER_NUMBER.sub("", text)
-            begun = begun or _is_of_numbers(text)
+            has_numbers = has_numbers or _is_of_numbers(text)
         if text.strip().startswith("|"):
+            # An empty cell of a wiki stands at the end of its line.
             text = text.strip()[1:].removesuffix("" if is_wiki else "|")
         if text.strip():
             yield number, text
@@ -184,55 +205,100 @@ def split(text: str, separator: str) -> list[str]:
     return [cell.strip() for cell in cells]
 
 
-def _score(texts: Sequence[str], separator: str) -> tuple[float, int, int]:
-    """Score of a sign that parts lines: the numbers in rows of the commonest width, and ten times that
-    where a header of the same width goes before; that width, and the first line that has it.
+class _Parted(NamedTuple):
+    """What a sign makes of lines.
+
+    score: how well it parts them; 0 where it gives no numbers.
+    width: cells of the rows of numbers. first: place of the first line with as many.
+    """
+
+    score: float
+    width: int
+    first: int
+
+
+@dataclass(slots=True)
+class _RowsOfWidth:
+    """Rows of numbers with as many cells each, of the lines looked at.
+
+    first: place of the first such line. heads: their first cells. full: cells of the fullest of them,
+    less the empty ones at its end. numbers: how many numbers they have, less where cells are text.
+    """
+
+    first: int
+    heads: list[str] = field(default_factory=list)
+    full: int = 0
+    numbers: float = 0.0
+
+
+def _score(texts: Sequence[str], separator: str) -> _Parted:
+    """Rate a sign that parts lines by the numbers in rows of the commonest width; by ten times that
+    where a known header of the same width goes before.
+
+    Of a long file some lines are looked at.
     """
     step = max(1, len(texts) // _MOST_LOOKED_AT)
-    begin = min(40, len(texts))
-    chosen = [*range(begin), *range(begin, len(texts), step)]
-    widths: dict[int, float] = {}
-    first: dict[int, int] = {}
-    heads: dict[int, list[str]] = {}
-    full: dict[int, int] = {}
-    for at in chosen:
+    begin = min(_FIRST_LOOKED_AT, len(texts))
+    rows: dict[int, _RowsOfWidth] = {}
+    for at in (*range(begin), *range(begin, len(texts), step)):
         cells = split(texts[at], separator)
-        numeric = sum(map(looks_numeric, cells))
-        if not _MARKS.isdisjoint(cells):
-            # A sign stands between numbers of one cell.
-            numeric = 0
-        if separator == "," and any(re.fullmatch(r"0\d+", cell) for cell in cells):
-            # "0,05" is no 0 and 05.
-            numeric = 0
-        if of_file(cells[0]) and not looks_numeric(cells[0]):
-            # "fps,240" tells of the file.
-            numeric = 0
+        numeric = _count_numbers(cells, separator)
         empty = sum(map(is_missing, cells))
         if not numeric or 2 * (numeric + empty) < len(cells):
             continue
         # Cells of text say that the sign is another one.
         share = (numeric + empty) / len(cells)
-        widths[len(cells)] = widths.get(len(cells), 0.0) + numeric * share**2
-        first.setdefault(len(cells), at)
-        heads.setdefault(len(cells), []).append(cells[0])
-        full[len(cells)] = max(full.get(len(cells), 0), len(trimmed(cells)))
-    if not widths:
-        return 0.0, 0, len(texts)
-    of_width = {}
-    for width, numbers in widths.items():
-        worth = 1.0
-        is_counted = counts(heads[width][:begin])
-        for at in range(first[width]):
-            for way in header_cells(texts[at], separator, width):
-                known = any(role_of(*split_header(cell)) for cell in way)
-                fits = {len(way), len(trimmed(way))} & {width, full[width]}
-                # The index of the rows may have no name.
-                if fits or (known and is_counted and len(way) == width - 1):
-                    worth = max(worth, 10.0 if known else 2.0)
-        of_width[width] = numbers * worth * (_WEAKER if separator in _OF_BLANKS else 1.0)
+        of_width = rows.setdefault(len(cells), _RowsOfWidth(at))
+        of_width.numbers += numeric * share**2
+        of_width.heads.append(cells[0])
+        of_width.full = max(of_width.full, len(trimmed(cells)))
+    if not rows:
+        return _Parted(0.0, 0, len(texts))
+    scores = {}
+    for width, of_width in rows.items():
+        worth = _worth_of_header(texts[: of_width.first], separator, width, of_width, begin)
+        scores[width] = of_width.numbers * worth
+        if separator in _OF_BLANKS:
+            scores[width] *= _WEAKER
     # A table of one row, such as phyphox writes it, counts as well as a table of one column.
-    width = max(of_width, key=lambda count: (of_width[count], count))
-    return of_width[width], width, first[width]
+    width = max(scores, key=lambda width: (scores[width], width))
+    return _Parted(scores[width], width, rows[width].first)
+
+
+def _count_numbers(cells: Sequence[str], separator: str) -> int:
+    """Number of cells of a line that are numbers; 0 where the sign surely is another one."""
+    if not _MARKS.isdisjoint(cells):
+        # A sign stands between numbers of one cell.
+        return 0
+    if separator == "," and any(re.fullmatch(r"0\d+", cell) for cell in cells):
+        # "0,05" is no 0 and 05.
+        return 0
+    if of_file(cells[0]) and not looks_numeric(cells[0]):
+        # "fps,240" tells of the file.
+        return 0
+    return sum(map(looks_numeric, cells))
+
+
+def _worth_of_header(
+    above: Sequence[str], separator: str, width: int, rows: _RowsOfWidth, most_heads: int
+) -> float:
+    """How many times a header makes rows of numbers likelier: 10 where a name is known, 2 where it has
+    as many cells, 1 without one.
+
+    above: lines before the rows. width: cells of the rows. most_heads: how many rows tell whether
+    their first column counts.
+    """
+    worth = 1.0
+    is_counted = counts(rows.heads[:most_heads])
+    for text in above:
+        for way in header_cells(text, separator, width):
+            is_known = any(role_of(*split_header(cell)) for cell in way)
+            fits = bool({len(way), len(trimmed(way))} & {width, rows.full})
+            # The index of the rows may have no name.
+            lacks_index = is_known and is_counted and len(way) == width - 1
+            if fits or lacks_index:
+                worth = max(worth, 10.0 if is_known else 2.0)
+    return worth
 
 
 def _known_names(texts: Sequence[str], separator: str) -> int:
@@ -250,43 +316,47 @@ def trimmed(cells: Sequence[str]) -> tuple[str, ...]:
 
 
 def header_cells(text: str, separator: str, width: int) -> Iterator[list[str]]:
-    """Ways to part a header: by the sign itself, or by another one where numbers have blanks between.
+    """Yield ways to part a header: by the sign between the numbers, or by others where that is blanks.
 
-    width: of the rows of numbers. A unit belongs to the name before it: "time, s" is one cell.
+    width: of the rows of numbers. A unit belongs to the name before it: "time, s" is one cell. A line
+    with a number yields no way.
     """
-    if '"' in text and separator in _OF_BLANKS:
-        yield split(text, separator)
-    if separator not in (*_OF_BLANKS, ""):
-        cells = split(text, separator)
-        if (
-            any(any(map(str.isalpha, cell)) for cell in cells)
-            and sum(map(looks_numeric, cells)) == 0
-        ):
-            yield cells if separator != "," else _with_units(cells)
-        return
     if not separator:
         if any(map(str.isalpha, text)) and not looks_numeric(text):
             yield [text.strip()]
         return
+    if separator not in _OF_BLANKS:
+        cells = split(text, separator)
+        has_words = any(map(str.isalpha, "".join(cells)))
+        if has_words and not any(map(looks_numeric, cells)):
+            yield _with_units(cells) if separator == "," else cells
+        return
+    if '"' in text:
+        yield split(text, separator)
     # A unit in brackets belongs to the name before it.
-    wide, *narrow = [
-        re.split(blanks, text.strip()) for blanks in (r"\s{2,}(?![\[(])", r"\s+(?![\[(])", r"\s+")
-    ]
+    wide = re.split(r"\s{2,}(?![\[(])", text.strip())
+    narrow = re.split(r"\s+(?![\[(])", text.strip())
+    narrowest = re.split(r"\s+", text.strip())
     of_signs = [_with_units(split(text, sign)) for sign in ("\t", ";", ",") if sign in text]
-    yield from (names for names in (wide, *of_signs, *narrow) if not any(map(looks_numeric, names)))
+    for names in (wide, *of_signs, narrow, narrowest):
+        if not any(map(looks_numeric, names)):
+            yield names
     yield from _by_meaning(text.split(), width)
 
 
 def _by_meaning(words: list[str], width: int) -> Iterator[list[str]]:
-    """Names of several words each with blanks between: the ways in which each name is known."""
+    """Yield the ways to join words to `width` names that are all known, no two of one role.
+
+    Names of several words each may have single blanks between them: "touch time rebound height".
+    """
     if not 1 < width < len(words) <= _MOST_WORDS:
         return
     for cuts in itertools.combinations(range(1, len(words)), width - 1):
         names = [" ".join(words[a:b]) for a, b in itertools.pairwise([0, *cuts, len(words)])]
-        roles = [role_of(*split_header(name)) for name in names]
-        if all(map(_is_known, names)) and len(set(filter(None, roles))) == len(
-            [*filter(None, roles)]
-        ):
+        if not all(map(_is_known, names)):
+            continue
+        roles = list(filter(None, (role_of(*split_header(name)) for name in names)))
+        if len(set(roles)) == len(roles):
             yield names
 
 
@@ -300,9 +370,10 @@ def _with_units(cells: list[str]) -> list[str]:
     """Cells with a unit alone joined to the name before them: "time", "s" is "time, s"."""
     joined: list[str] = []
     for cell in cells:
-        is_for_name = joined and is_unit(cell.strip()) and not split_header(joined[-1])[1]
-        if is_for_name and role_of(joined[-1].lower()):
-            joined[-1] = f"{joined[-1]}, {cell.strip()}"
+        last = joined[-1] if joined else ""
+        is_for_name = is_unit(cell.strip()) and not split_header(last)[1]
+        if is_for_name and role_of(last.lower()):
+            joined[-1] = f"{last}, {cell.strip()}"
         else:
             joined.append(cell)
     return joined
@@ -317,7 +388,7 @@ _OF_LIST = re.compile(
 
 
 def names_in_brackets(lines: Sequence[str], count: int) -> tuple[str, ...]:
-    """Names of `count` columns that stand in brackets in one of the lines, as in SQL; () for none."""
+    """Names of `count` columns in brackets, as in SQL; of several lines the last; () for none."""
     names: tuple[str, ...] = ()
     for line in lines:
         for inside in re.findall(r"\(([^()]*,[^()]*)\)", line):

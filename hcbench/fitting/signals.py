@@ -12,7 +12,7 @@ import re
 import zipfile
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -43,6 +43,8 @@ _LEAST_ROWS = 100
 _LARGEST = 64 << 20
 # Lines in which the sign between cells and the columns of numbers are looked for.
 _LOOKED_AT = 60
+# Rows that may have cells about the file beside their numbers.
+_LINES_WITH_CELLS_BESIDE = 30
 # Lines above the numbers that may name a column or its unit.
 _NAMING = 4
 _SIGNS = ("\t", ";", ",", None)
@@ -146,7 +148,7 @@ def signal_in(path: Path) -> Signal | None:
 
 @lru_cache(maxsize=4)
 def _signal_in(path: Path, changed: int, size: int) -> Signal | None:
-    """Do as `signal_in`, once for a file that was last changed then and has that size."""
+    """Do as `signal_in`, once for a file that was last changed then (ns) and has that size (bytes)."""
     try:
         text = decoded(_unpacked(path.read_bytes()))
     except (OSError, UnicodeDecodeError, UserError, zipfile.BadZipFile):
@@ -154,23 +156,22 @@ def _signal_in(path: Path, changed: int, size: int) -> Signal | None:
     lines = [line for line in text.splitlines() if line.strip()]
     if len(lines) < _LEAST_ROWS:
         return None
-    sign = _sign_of(lines)
-    if sign is None:
+    layout = _layout_of(lines)
+    if layout is None:
         return None
-    separator, places = sign
-    first = _first_row(lines, separator, places)
-    columns = _columns(lines, separator, places, first)
+    first = _first_row(lines, layout)
+    columns = _columns(lines, layout, first)
     if len(columns) == 0 or len(columns[0].numbers) < _LEAST_ROWS:
         return None
     if any(one.is_place for one in columns):
         return None
-    head = "\n".join(_lines_about(lines, separator, places, first))
+    head = "\n".join(_lines_about(lines, layout, first))
     return _of_columns(sanitized(path.name), columns, head.casefold())
 
 
 def _unpacked(content: bytes) -> bytes:
     """The content of a file; of an archive with one table besides meta/, as phyphox exports it, that of
-    the table.
+    the table; b"" for an archive with none or several.
 
     Raises UserError for a large archive, and BadZipFile or OSError for a damaged one.
     """
@@ -188,7 +189,17 @@ def _cells(line: str, separator: str | None) -> list[str]:
     return [cell.strip().strip('"') for cell in line.strip("\r\n").split(separator)]
 
 
-def _sign_of(lines: Sequence[str]) -> tuple[str | None, list[int]] | None:
+class _Layout(NamedTuple):
+    """How the lines of a file are parted into cells.
+
+    separator: between cells; None for blanks. places: of the columns of numbers, from 0, rising.
+    """
+
+    separator: str | None
+    places: list[int]
+
+
+def _layout_of(lines: Sequence[str]) -> _Layout | None:
     """The sign between cells and the places of the columns of numbers, from lines of the second half;
     None where lines have no numbers or are not alike.
     """
@@ -196,32 +207,33 @@ def _sign_of(lines: Sequence[str]) -> tuple[str | None, list[int]] | None:
     step = max(1, (len(lines) - begin) // _LOOKED_AT)
     looked_at = lines[begin : len(lines) - 1 : step]
     # A column alone comes last: "1,5" may be one number, or two.
-    alone: tuple[str | None, list[int]] | None = None
+    alone: _Layout | None = None
     for sign in _SIGNS:
         rows = [_cells(line, sign) for line in looked_at]
         width = len(rows[0])
-        if sum(len(row) == width for row in rows) < _MOST * len(rows):
+        alike = [row for row in rows if len(row) == width]
+        if len(alike) < _MOST * len(rows):
             continue
-        rows = [row for row in rows if len(row) == width]
         places = []
-        for at in range(width):
-            numeric = sum(1 for row in rows if _NUMBER.fullmatch(row[at]))
-            if numeric >= _MOST * len(rows):
-                places.append(at)
+        for place in range(width):
+            numeric = sum(1 for row in alike if _NUMBER.fullmatch(row[place]))
+            if numeric >= _MOST * len(alike):
+                places.append(place)
         # "1,5;2,5" has two numbers between semicolons, and three cells between commas.
         if places and width > 1:
-            return sign, places
+            return _Layout(sign, places)
         if places and alone is None:
-            alone = sign, places
+            alone = _Layout(sign, places)
     return alone
 
 
-def _first_row(lines: Sequence[str], separator: str | None, places: Sequence[int]) -> int:
-    """The first line with a number in each column of numbers, and in the next line too."""
+def _first_row(lines: Sequence[str], layout: _Layout) -> int:
+    """The first line with a number in each column of numbers, and in the next line too; 0 for none."""
 
     def is_row(line: str) -> bool:
-        cells = _cells(line, separator)
-        return len(cells) > places[-1] and all(_NUMBER.fullmatch(cells[at]) for at in places)
+        cells = _cells(line, layout.separator)
+        is_wide = len(cells) > layout.places[-1]
+        return is_wide and all(_NUMBER.fullmatch(cells[place]) for place in layout.places)
 
     for at in range(len(lines) - 1):
         if is_row(lines[at]) and is_row(lines[at + 1]):
@@ -229,24 +241,24 @@ def _first_row(lines: Sequence[str], separator: str | None, places: Sequence[int
     return 0
 
 
-def _columns(
-    lines: Sequence[str], separator: str | None, places: Sequence[int], first: int
-) -> list[_Column]:
-    """The columns of numbers at these places, from the line `first` on, with the names above; none
-    where the lines are not one table.
+def _columns(lines: Sequence[str], layout: _Layout, first: int) -> list[_Column]:
+    """The columns of numbers from the line `first` on, with the names above; none where the lines are
+    not one table.
     """
     import pandas as pd
 
-    body = "\n".join(lines[first:])
-    has_comma = separator != "," and "," in lines[len(lines) // 2]
+    separator = layout.separator
+    # A line far from the header and from the end.
+    middle = lines[len(lines) // 2]
+    has_comma = separator != "," and "," in middle
     try:
         frame = pd.read_csv(
-            io.StringIO(body),
+            io.StringIO("\n".join(lines[first:])),
             sep=separator or r"\s+",
             header=None,
-            usecols=list(places),
+            usecols=list(layout.places),
             decimal="," if has_comma else ".",
-            names=range(len(_cells(lines[len(lines) // 2], separator))),
+            names=range(len(_cells(middle, separator))),
             on_bad_lines="skip",
             skipinitialspace=True,
             low_memory=False,
@@ -254,35 +266,36 @@ def _columns(
     except ValueError:
         # Rows of very different widths: several tables, and no signal.
         return []
-    above = lines[max(0, first - _NAMING) : first]
-    names = _names_above(above, separator, places)
+    names = _names_above(lines[max(0, first - _NAMING) : first], layout)
     columns = []
-    for at in places:
-        numbers = pd.to_numeric(frame[at], errors="coerce").to_numpy(dtype=float)
-        columns.append(_Column(numbers, names[at]))
+    for place in layout.places:
+        numbers = pd.to_numeric(frame[place], errors="coerce").to_numpy(dtype=float)
+        columns.append(_Column(numbers, names[place]))
     return columns
 
 
-def _names_above(
-    above: Sequence[str], separator: str | None, places: Sequence[int]
-) -> dict[int, tuple[tuple[str, str], ...]]:
-    """(name, unit) pairs above each column: of lines with a cell over it, the last first.
+def _names_above(above: Sequence[str], layout: _Layout) -> dict[int, tuple[tuple[str, str], ...]]:
+    """(name, unit) pairs above each column of numbers, by its place; the line next to them first.
 
-    A line of units alone, "(ms),(mV)" or "second,Volt", gives pairs with an empty name.
+    above: lines before the numbers. A line of units alone, "(ms),(mV)" or "second,Volt", gives pairs
+    with an empty name.
     """
-    found: dict[int, list[tuple[str, str]]] = {at: [] for at in places}
+    found: dict[int, list[tuple[str, str]]] = {place: [] for place in layout.places}
     for line in reversed(above):
-        cells = _cells(line.strip().lstrip("#%").strip("\r\n"), separator)
+        cells = _cells(line.strip().lstrip("#%").strip("\r\n"), layout.separator)
         # A line that says something of the whole file has other cells.
-        if len(cells) <= places[-1] or all(_NUMBER.fullmatch(cells[at]) for at in places):
+        if len(cells) <= layout.places[-1]:
             continue
-        for at in places:
-            bare = plain_unit(cells[at].strip("()[] "))
+        over = {place: cells[place] for place in layout.places}
+        if all(map(_NUMBER.fullmatch, over.values())):
+            continue
+        for place, cell in over.items():
+            bare = plain_unit(cell.strip("()[] "))
             if _is_bare_unit(bare):
-                found[at].append(("", bare))
-            elif cells[at] and not _NUMBER.fullmatch(cells[at]):
-                found[at].append(_split(cells[at]))
-    return {at: tuple(pairs) for at, pairs in found.items()}
+                found[place].append(("", bare))
+            elif cell and not _NUMBER.fullmatch(cell):
+                found[place].append(_split(cell))
+    return {place: tuple(pairs) for place, pairs in found.items()}
 
 
 def _split(cell: str) -> tuple[str, str]:
@@ -304,41 +317,36 @@ def _is_bare_unit(text: str) -> bool:
     return is_known or text.casefold() in ("v", "mv", "volt", "volts", "µv", "a", "pa", "g")
 
 
-def _lines_about(
-    lines: Sequence[str], separator: str | None, places: Sequence[int], first: int
-) -> Iterator[str]:
-    """Lines that tell of the file: those above the numbers, and cells of Tektronix beside the first."""
+def _lines_about(lines: Sequence[str], layout: _Layout, first: int) -> Iterator[str]:
+    """Yield the lines that tell of the file: those above the numbers, and cells beside the first of
+    them, as Tektronix writes them.
+    """
     yield from lines[:first]
-    for line in lines[first : first + 30]:
-        beside = [cell for at, cell in enumerate(_cells(line, separator)) if at not in places]
+    for line in lines[first : first + _LINES_WITH_CELLS_BESIDE]:
+        cells = enumerate(_cells(line, layout.separator))
+        beside = [cell for place, cell in cells if place not in layout.places]
         if any(beside):
             yield ",".join(beside)
 
 
 def _of_columns(name: str, columns: Sequence[_Column], head: str) -> Signal | None:
-    """The signal in columns of numbers; None without a time, and where it is not even.
+    """The signal in columns of numbers, that with the clearest pulses.
 
-    head: lines about the file, in lower case.
+    name: what errors call the file. head: lines about it, in lower case.
+    None without a time or a rate, for too few or equal samples, fewer than 40 a second, and for heights
+    under an unknown name.
     """
-    rate = _rate_in(head)
     clocks = [one for one in columns if _is_even(one.numbers)]
-    clocks.sort(key=lambda one: (not one.unit_of("time"), "time" not in one.meanings))
     others = [one for one in columns if not any(one is clock for clock in clocks)]
     if not others:
         return None
-    if not clocks:
-        if rate is None:
-            return None
-        times = np.arange(len(columns[0].numbers)) / rate
-        assumed = ""
-    else:
-        scaled = _in_seconds(name, clocks[0], rate)
-        if scaled is None:
-            return None
-        times, assumed = scaled
+    clocks.sort(key=lambda one: (not one.unit_of("time"), "time" not in one.meanings))
+    timed = _sample_times(name, clocks, len(columns[0].numbers), _rate_in(head))
+    if timed is None:
+        return None
     chosen = _clearest(others)
-    kept = np.isfinite(times) & np.isfinite(chosen.numbers)
-    times = times[kept]
+    kept = np.isfinite(timed.times) & np.isfinite(chosen.numbers)
+    times = timed.times[kept]
     values = chosen.numbers[kept]
     if len(times) < _LEAST_ROWS or not float(np.ptp(values)) > 0.0:
         return None
@@ -350,17 +358,38 @@ def _of_columns(name: str, columns: Sequence[_Column], head: str) -> Signal | No
         # Jitter of a phone's clock, and samples that were dropped.
         even = np.linspace(times[0], times[-1], len(times))
         values = np.interp(even, times, values)
-    step = float(even[1] - even[0])
-    if 1.0 / step < _LEAST_RATE:
+    rate = 1.0 / float(even[1] - even[0])
+    if rate < _LEAST_RATE:
         return None
     unit = chosen.unit_of("force")
     if unit:
         values = values * unit_scale(name, chosen.what, unit, "force")
-    even_rate = 1.0 / step
-    if math.isclose(even_rate, round(even_rate), rel_tol=_OF_RATE):
+    if math.isclose(rate, round(rate), rel_tol=_OF_RATE):
         # Times are rounded.
-        even_rate = float(round(even_rate))
-    return Signal(name, values, even_rate, float(times[0]), chosen.what, bool(unit), assumed)
+        rate = float(round(rate))
+    return Signal(name, values, rate, float(times[0]), chosen.what, bool(unit), timed.assumed)
+
+
+class _Timed(NamedTuple):
+    """Times of samples, s, (n,), and what was assumed of their unit; "" for nothing."""
+
+    times: Floats
+    assumed: str
+
+
+def _sample_times(
+    name: str, clocks: Sequence[_Column], count: int, rate: float | None
+) -> _Timed | None:
+    """Times of the samples by the first of the clocks, or by their rate where there is none.
+
+    count: of the samples. rate: samples a second, None where the file does not tell it.
+    None where neither tells the times.
+    """
+    if clocks:
+        return _in_seconds(name, clocks[0], rate)
+    if rate is None:
+        return None
+    return _Timed(np.arange(count) / rate, "")
 
 
 def _flies(times: Floats, values: Floats) -> bool:
@@ -393,33 +422,38 @@ def _is_even(numbers: Floats) -> bool:
     return usual > 0.0 and float(alike.mean()) >= _MOST
 
 
-def _in_seconds(name: str, clock: _Column, rate: float | None) -> tuple[Floats, str] | None:
-    """Times of a column in s, (n,), and what was assumed of its unit; None where no unit is likely.
+def _in_seconds(name: str, clock: _Column, rate: float | None) -> _Timed | None:
+    """Times of a column in s; None where it has no unit, and none is likely.
 
     rate: samples a second where the file tells it, for a column that counts them.
     """
     numbers = clock.numbers
     unit = clock.unit_of("time")
     if unit:
-        return unit_scale(name, "time", unit, "time") * numbers, ""
+        return _Timed(unit_scale(name, "time", unit, "time") * numbers, "")
     finite = numbers[np.isfinite(numbers)]
     span = float(finite[-1] - finite[0])
-    if rate is not None and math.isclose(span, len(finite) - 1, rel_tol=1e-6):
-        return (numbers - finite[0]) / rate, ""
+    counts_samples = math.isclose(span, len(finite) - 1, rel_tol=1e-6)
+    if rate is not None and counts_samples:
+        return _Timed((numbers - finite[0]) / rate, "")
     for unit, second in (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
         duration = span / second
         is_fast = len(finite) > _LEAST_RATE * duration
         if _DURATIONS[0] < duration < _DURATIONS[1] and is_fast:
-            said = "" if "time" in clock.meanings and unit == "s" else f"its time read as {unit}"
-            return numbers / second, said
+            is_plain = "time" in clock.meanings and unit == "s"
+            return _Timed(numbers / second, "" if is_plain else f"its time read as {unit}")
     return None
 
 
 def _rate_in(head: str) -> float | None:
-    """Samples a second that lines about a file tell, in lower case; None where they do not."""
+    """Samples a second by the first interval or rate in lines about a file; None where they tell none.
+
+    head: the lines, in lower case.
+    """
     interval = _INTERVAL.search(head)
     if interval is not None and 1e-9 < float(interval[1]) < 1.0:
         return 1.0 / float(interval[1])
+    # Rigol: the number stands below "increment".
     lines = [line.split(",") for line in head.splitlines()]
     for names, numbers in itertools.pairwise(lines):
         if "increment" in names and len(numbers) > names.index("increment"):
@@ -439,28 +473,32 @@ def _clearest(columns: Sequence[_Column]) -> _Column:
 
     A size hides to which side a pulse goes: an axis is better where it shows the pulses.
     """
-    by_axis: dict[tuple[frozenset[str], str], dict[str, _Column]] = {}
-    for one in columns:
-        for name, unit in one.names:
-            axis = re.search(r"(?:\b|_|a)([xyz])$", name.strip().casefold())
-            if axis is not None:
-                group = frozenset(meanings_of(name) - {"x", "y", "z", "vertical"}), unit
-                by_axis.setdefault(group, {})[axis[1]] = one
-    vectors = [list(axes.values()) for axes in by_axis.values() if len(axes) == len("xyz")]
+    vectors = _vectors(columns)
     if not vectors:
         return max(columns, key=lambda one: _clearness(one.numbers))
     # phyphox writes the size itself, too.
     axes = [one for vector in vectors for one in vector]
     clearest = max(axes, key=lambda one: _clearness(one.numbers))
-    sizes = [
-        _Column(np.linalg.norm([one.numbers for one in vector], axis=0), vector[-1].names)
-        for vector in vectors
-        if not any(one.unit_of("force") for one in vector)
-    ]
-    for size in sizes:
-        if _clearness(size.numbers) > _FAR_CLEARER * _clearness(clearest.numbers):
-            clearest = size
+    for vector in vectors:
+        # Forces of a plate along its axes: the one of the push has the impulse.
+        if any(one.unit_of("force") for one in vector):
+            continue
+        numbers = np.linalg.norm([one.numbers for one in vector], axis=0)
+        if _clearness(numbers) > _FAR_CLEARER * _clearness(clearest.numbers):
+            clearest = _Column(numbers, vector[-1].names)
     return clearest
+
+
+def _vectors(columns: Sequence[_Column]) -> list[list[_Column]]:
+    """The columns of each vector, whose names differ by x, y and z alone, such as "acc_x"."""
+    by_axis: dict[tuple[frozenset[str], str], dict[str, _Column]] = {}
+    for one in columns:
+        for name, unit in one.names:
+            axis = re.search(r"(?:\b|_|a)([xyz])$", name.strip().casefold())
+            if axis is not None:
+                vector = frozenset(meanings_of(name) - {"x", "y", "z", "vertical"}), unit
+                by_axis.setdefault(vector, {})[axis[1]] = one
+    return [list(axes.values()) for axes in by_axis.values() if len(axes) == len("xyz")]
 
 
 def _clearness(values: Floats) -> float:

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from measured_bounces import synthesise
 
 from hcbench.fitting.flight import Ballistics, in_air
+from hcbench.fitting.heights import SpeedPairs
+from hcbench.fitting.read import read_dataset
+from hcbench.fitting.setup import read_setup
 from hcbench.fitting.which_law import LAWS, dissipation_of, hunt_crossley
 from hcbench.laws import closed_form
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 @pytest.mark.parametrize("d", [1e-7, 1e-3, 0.1, 1.0, 10.0, 41.0, 100.0])
@@ -62,3 +69,20 @@ def test_flights_know_their_own_derivatives(ball: Ballistics) -> None:
         later, earlier = (of(2.0, at + sign * s)[0] for s in (1e-6, -1e-6))
         assert velocity == pytest.approx((later - earlier) / 2e-6, rel=1e-5)
     assert ball.path(1.7, np.array([ball.aloft(1.7)[0]]))[0] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("of", ["rebound height [m]", "flight time [s]"])
+def test_the_rebound_of_a_light_ball_is_slowed_by_the_air(tmp_path: Path, of: str) -> None:
+    setup = read_setup(mass="2.7 g", diameter="40 mm")
+    flight = setup.ballistics
+    drops = [0.3, 0.6, 1.0, 1.5, 2.0]
+    rows = [f"drop height [m],{of}"]
+    for drop in drops:
+        launch = 0.9 * flight.dropped(drop)[0]
+        measured = flight.apex(launch)[0] if "height" in of else flight.aloft(launch)[0]
+        rows.append(f"{drop},{measured:.9f}")
+    path = tmp_path / "rebounds.csv"
+    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    found = read_dataset(path, setup)
+    assert isinstance(found, SpeedPairs)
+    np.testing.assert_allclose(found.restitution, 0.9, rtol=1e-6)
