@@ -62,7 +62,8 @@ class DartEngine(DescribesContact, ScriptedEngine[DartOptions]):
     def lines(self, options: DartOptions, scene: Scene) -> str:
         """Lines of Python that build a world of plate and ball for a setting, and define its step.
 
-        options: the setting's. scene: not used: its numbers are names that the lines find.
+        options: the setting's.
+        scene: not used: its numbers are names that the lines find.
         """
         # Without a collision aspect nothing but the law's force acts on the ball.
         shapes = "ball_shape.createDynamicsAspect()"
@@ -164,7 +165,8 @@ def units_per_metre(target: Target, e: float) -> float:
 
     e: of the target. The unit is the smallest whose cap is at least half again the band's highest
     speed: DART bounces nothing slower than _THRESHOLD units a second (in e v), and nothing faster
-    than _CAP. Raises SettingError for a band too wide to lie between the two, and for e = 0.
+    than _CAP.
+    Raises SettingError for a band too wide to lie between the two, and for e = 0.
     """
     units = 10.0 ** math.floor(math.log10(_CAP / (1.5 * target.speed_max)))
     if e * target.speed_min * units <= _THRESHOLD:

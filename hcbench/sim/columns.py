@@ -130,10 +130,14 @@ class Launches(Columns[Launch]):
     ) -> Launches:
         """Launches that touch at these speeds and phases under gravity, started a few steps before.
 
-        speed: at touch, m/s, (n,). phase: where in a step they touch, 0 to 1, (n,). slip: along the
-        bodies' way on the plate, m/s, (n,). spin: of all, rad/s, (3,).
-        timestep: h, s. gravity: g, m/s², into the plate; for 0 the launches start at these speeds,
-        without a height. steps_most: steps of free fall before the touch, at most.
+        speed: at touch, m/s, (n,).
+        phase: where in a step they touch, 0 to 1, (n,).
+        slip: along the bodies' way on the plate, m/s, (n,).
+        spin: of all, rad/s, (3,).
+        timestep: h, s.
+        gravity: g, m/s², into the plate; for 0 the launches start at these speeds, without a
+        height.
+        steps_most: steps of free fall before the touch, at most.
         share: by which the integrator's free flight at height z keeps (v + share g h)² + 2 g z: 1/2
         for semi-implicit Euler, 0 for exact flight.
         """
@@ -196,7 +200,9 @@ class Launches(Columns[Launch]):
     def flight_time(self, timestep: float, gravity: float) -> Floats:
         """Time from release to touch of each launch, s, (n,).
 
-        inf for one that never arrives, without speed and gravity. timestep: s. gravity: m/s².
+        inf for one that never arrives, without speed and gravity.
+        timestep: s.
+        gravity: m/s².
         """
         clearance = self.clearance(timestep)
         # Under constant gravity the mean speed is half the sum of those at both ends.

@@ -122,8 +122,9 @@ def _of_material(
     a material without an α; the speed is in m/s, None if unknown and not needed.
 
     speed: as the user gave it, or None: then e is taken at a speed of the source, the middle one.
-    Warns of a speed outside the material's range. Raises QuantityError for text that is not a
-    speed, UserError for a material without an α where neither the user nor the source states one.
+    Warns of a speed outside the material's range.
+    Raises QuantityError for text that is not a speed, UserError for a material without an α where
+    neither the user nor the source states one.
     """
     v = None if speed is None else units.parse(speed, "speed", "speed", above=0.0)
     if v is None and known.speeds is not None and known.target.alpha is None:

@@ -38,8 +38,9 @@ _FARTHEST = 50.0
 class DropBench(ABC):
     """A robot over its floor, in its pose, that an engine drops as often as it is asked.
 
-    timestep: s. gravity: m/s². drops: that judge its landing: DROPS, without the tilted ones for a
-    robot that cannot turn.
+    timestep: s.
+    gravity: m/s².
+    drops: that judge its landing: DROPS, without the tilted ones for a robot that cannot turn.
     """
 
     robot: Robot
@@ -92,8 +93,11 @@ class DropMotion:
 class DroppedRobot:
     """A robot whose motion is read.
 
-    timestep: s. gravity: m/s². up: unit vector against it, (3,). weight: N. height: of the centre
-    of mass over the lowest point at release, m.
+    timestep: s.
+    gravity: m/s².
+    up: unit vector against it, (3,).
+    weight: N.
+    height: of the centre of mass over the lowest point at release, m.
     """
 
     timestep: float
@@ -180,12 +184,14 @@ class DroppedRobot:
 class _Settling:
     """The end of a drop; NaN and false for a drop that is too short to settle.
 
-    rest: time from the touch until it lies still, s, infinite if it does not. sink: of the deepest
-    point into the floor, m. travel: along the floor since the touch, m.
-    creep: mean speed along the floor in the end, m/s. vibration: rms of the centre's velocity about
-    its mean there, m/s. late: number of flights that begin after LATE_S.
-    sag: lowering of the centre since the touch that is not sink, m. fell: whether the robot fell
-    over.
+    rest: time from the touch until it lies still, s, infinite if it does not.
+    sink: of the deepest point into the floor, m.
+    travel: along the floor since the touch, m.
+    creep: mean speed along the floor in the end, m/s.
+    vibration: rms of the centre's velocity about its mean there, m/s.
+    late: number of flights that begin after LATE_S.
+    sag: lowering of the centre since the touch that is not sink, m.
+    fell: whether the robot fell over.
     """
 
     rest: float = math.nan
@@ -207,7 +213,8 @@ def _flights(pushes: NDArray[np.bool_], touch: int, timestep: float) -> list[tup
     """(first step, step after the last) of each flight after the touch that is longer than chatter:
     PARTED_S or more without a force.
 
-    pushes: of each step, whether the floor pushes, (n,). touch: index of the first that does.
+    pushes: of each step, whether the floor pushes, (n,).
+    touch: index of the first that does.
     timestep: s.
     """
     is_flying = ~pushes
@@ -224,9 +231,11 @@ def _gain(energy: Floats, touch: int, flights: list[tuple[int, int]]) -> float:
     """Energy that the contact gave to the robot, J: the most with which a flight begins beyond the
     least energy before; 0 if none begins with more.
 
-    energy: of each step, J, (n,). touch: index of the first step with a force. flights: (first
-    step, step after the last) of each. Before the first flight the least is the energy at the
-    touch, then also that at the end of each flight: in flight nothing adds energy.
+    energy: of each step, J, (n,).
+    touch: index of the first step with a force.
+    flights: (first step, step after the last) of each.
+    Before the first flight the least is the energy at the touch, then also that at the end of each
+    flight: in flight nothing adds energy.
     """
     least = float(energy[max(touch - 1, 0)])
     gain = 0.0

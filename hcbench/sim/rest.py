@@ -73,7 +73,8 @@ class Rest:
     def failures(self, radius: float, timestep: float) -> list[str]:
         """Reasons why a body does not count as resting, in words; [] if it rests.
 
-        radius: R, of the body, m. timestep: s.
+        radius: R, of the body, m.
+        timestep: s.
         It rests if it sinks more slowly than 1e-5 m/s, lies less deep than 1e-3 R or 0.2 mm per ms
         of step, and its vibration is below 1e-4 m/s or decaying.
         """
@@ -269,11 +270,13 @@ class Standing:
     ) -> Standing:
         """Join what was measured of a model at rest.
 
-        rest: on the level. on_slope: on a slope, of which the drift alone counts.
+        rest: on the level.
+        on_slope: on a slope, of which the drift alone counts.
         hold: drift in a grasp, m/s.
         hop: how far a body rises that is laid down as it slides, m.
         cost: (iterations of the solver in a step, CPU time of a step, s).
-        slope: its angle, rad. falls: whether the model falls over on the level.
+        slope: its angle, rad.
+        falls: whether the model falls over on the level.
         """
         return cls(
             rest.penetration,
@@ -304,7 +307,8 @@ class Standing:
         lies deeper than before and than the time step allows, or vibrates more than before and than
         a body at rest may.
 
-        before: the model to compare with. timestep: s.
+        before: the model to compare with.
+        timestep: s.
         """
         limits = (
             ("drift_m_per_s", self.drift, before.drift, 0.0),
@@ -366,7 +370,8 @@ def push_of(friction: float, load: float) -> float:
 def creep_of(drift: float, spin: float, lever: float) -> float:
     """Creep of a body that drifts down a slope, m/s; NaN where it rolls.
 
-    spin: mean angular speed, rad/s. lever: from its contact point to its centre, m.
+    spin: mean angular speed, rad/s.
+    lever: from its contact point to its centre, m.
     """
     rolls = drift > _SLOWEST_ROLL and spin * lever > _ROLLS * drift
     return math.nan if rolls else drift
@@ -376,8 +381,10 @@ def creep_of(drift: float, spin: float, lever: float) -> float:
 class BorneLoad:
     """A pair at rest, pressed together along its normal.
 
-    times: of the force at rest. force: that the contact bears, N. penetration: m. NaN where the
-    pair did not bear it.
+    times: of the force at rest.
+    force: that the contact bears, N.
+    penetration: m.
+    NaN where the pair did not bear it.
     """
 
     times: float
@@ -395,8 +402,9 @@ def borne(times: float, own: float, rows: Floats) -> BorneLoad:
     steps: mean force and penetration; both NaN where the force differs from `times` `own` by more
     than a tenth, or varies (standard deviation) by more than a tenth of itself.
 
-    times: the multiple. own: force at rest, N. rows: force, N, and penetration, m, of the steps,
-    (n, 2).
+    times: the multiple.
+    own: force at rest, N.
+    rows: force, N, and penetration, m, of the steps, (n, 2).
     """
     force, penetration = rows.mean(axis=0).tolist()
     noise = float(rows[:, 0].std())

@@ -89,8 +89,9 @@ class Copies(ABC):
     def read_on(self, rule: Rule, reading: Reading, fewest: int, most: int) -> Reading:
         """Step balls on and read each step, until at most `fewest` go on or `most` steps are taken.
 
-        rule: when each ball's impact ends, from `rule_for`. reading: what was read of each until
-        now, from `begun` or from here; returned as it is then, arrays of shape (b,).
+        rule: when each ball's impact ends, from `rule_for`.
+        reading: what was read of each until now, from `begun` or from here; returned as it is then,
+        arrays of shape (b,).
         """
         add = reader(np)
         while np.count_nonzero(reading.end == 0) > fewest and reading.steps.max() < most:
@@ -102,7 +103,9 @@ class Copies(ABC):
         """Place balls that differ in height and in velocity upwards alone; both as the engine then
         has them, (2, b).
 
-        rest: state of a ball at rest, (n,). heights: (b,), m. rising: (b,), m/s.
+        rest: state of a ball at rest, (n,).
+        heights: (b,), m.
+        rising: (b,), m/s.
         """
         states = np.tile(rest, (len(heights), 1))
         at = [HEIGHT, RISING]
@@ -126,7 +129,9 @@ class CopiesWorld(BatchWorld):
     ) -> None:
         """Take up copies of a scene's ball, all at rest.
 
-        timestep: s. copies: of the engine, which steps them. rest: state of the ball at rest, (n,).
+        timestep: s.
+        copies: of the engine, which steps them.
+        rest: state of the ball at rest, (n,).
         reading: how speeds are read.
         """
         super().__init__(scene, timestep)
@@ -307,8 +312,9 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
     ) -> ModelUnderTest:
         """Open a user's model by `model_engine`, to be stepped by this engine.
 
-        source: the model. request: the pair, its pose, and the launches. rebuild: makes the model
-        again, or None.
+        source: the model.
+        request: the pair, its pose, and the launches.
+        rebuild: makes the model again, or None.
         Raises EngineFailed where the model cannot be stepped by another engine, UserError where the
         pair cannot be measured, EngineMissing where an engine is not installed.
         """
@@ -331,7 +337,8 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
         """Open a user's model by `model_engine` so that the contact of its pair can be changed, and
         let this engine step it.
 
-        source: the model. rebuild: makes it again, or None.
+        source: the model.
+        rebuild: makes it again, or None.
         Raises UserError where that engine varies no contacts or the pair cannot be measured,
         EngineMissing where it is not installed.
         """
@@ -434,7 +441,8 @@ def shared_recipes(
     """Recipes of one engine made of those of another, on planes alone unless a change says
     otherwise.
 
-    engine: the name of theirs. model_engine: the other engine.
+    engine: the name of theirs.
+    model_engine: the other engine.
     changes: for each recipe of the other, by name, the fields of `Recipe` that differ.
     Raises UserError for a name that the other engine does not have.
     """

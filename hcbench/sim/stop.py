@@ -83,9 +83,10 @@ class QuietRun:
         """Mask, (b, n), of the steps of a chunk at which the condition has been met for long enough:
         for `least` steps, and, if `half_contact`, for half of the contact so far.
 
-        met: where the condition is met, (b, n). touch: index of the step of the touch, (b,).
-        start: index of the chunk's first step.
-        Chunks have to follow one another: the last step that broke the condition is remembered.
+        met: where the condition is met, (b, n).
+        touch: index of the step of the touch, (b,).
+        start: index of the chunk's first step. Chunks have to follow one another: the last step
+        that broke the condition is remembered.
         """
         step = np.arange(start, start + met.shape[1])
         # Nearly always no step is quiet.
@@ -143,8 +144,10 @@ class StopRule:
         """The rule for b launches, before any step: how long to wait for a touch and in contact, and
         when a body counts as resting.
 
-        timestep: s. gravity: into the plate, m/s². deepest: penetration, m, beyond which a launch
-        is TOO_DEEP. after: steps to wait for once the bodies are apart.
+        timestep: s.
+        gravity: into the plate, m/s².
+        deepest: penetration, m, beyond which a launch is TOO_DEEP.
+        after: steps to wait for once the bodies are apart.
         """
         sent = Launches.of(launches)
         flights = sent.flight_time(timestep, gravity) / timestep

@@ -45,8 +45,11 @@ _NOISE = wp.constant(4e-7)
 class Found:
     """Contacts of all worlds, as the engine found them in this step, or had them in the last.
 
-    count: of them, (1,). world, dim: of each. geom: of both sides. place: number among those that
-    two geoms can have, such as that of a box's corner. mark: of those that are solved.
+    count: of them, (1,).
+    world, dim: of each.
+    geom: of both sides.
+    place: number among those that two geoms can have, such as that of a box's corner.
+    mark: of those that are solved.
     """
 
     count: wp.array[int]
@@ -68,12 +71,20 @@ class Room:
     """Numbers of a step that outlive none, for each contact; and the heads of the worlds' lists.
 
     first, first_before: of the contacts of a law, now and in the step before, (worlds,); -1 of
-    none. following, following_before: in those lists. geom_before, place_before, force_before: of
-    the step before. law: number of the pair; -1 of none. dist, solref: as found. rows: rates over
-    velocities, along the normal (apart above 0) and two tangents, (contacts, nv). moves: M⁻¹ of the
-    rows. own: rates that impulses of the same contact make. rate: before impulses, less half a
-    step's push. target: least rate at which it parts. calm: speed that counts as rest. load: m/s².
-    factor: L and D of M = Lᵀ D L, (worlds, nC). change: of the velocities, (worlds, nv).
+    none.
+    following, following_before: in those lists.
+    geom_before, place_before, force_before: of the step before.
+    law: number of the pair; -1 of none.
+    dist, solref: as found.
+    rows: rates over velocities, along the normal (apart above 0) and two tangents, (contacts, nv).
+    moves: M⁻¹ of the rows.
+    own: rates that impulses of the same contact make.
+    rate: before impulses, less half a step's push.
+    target: least rate at which it parts.
+    calm: speed that counts as rest.
+    load: m/s².
+    factor: L and D of M = Lᵀ D L, (worlds, nC).
+    change: of the velocities, (worlds, nv).
     """
 
     first: wp.array[int]
@@ -138,8 +149,9 @@ def remember(
     """Keep the places and normal forces, N, of the last step's contacts, linked by world. A thread
     for each contact.
 
-    is_pyramidal: whether the friction cone is a pyramid. rows: number of each world's constraint
-    rows, (worlds,). force: of each of these rows, N, (worlds, rows).
+    is_pyramidal: whether the friction cone is a pyramid.
+    rows: number of each world's constraint rows, (worlds,).
+    force: of each of these rows, N, (worlds, rows).
     """
     i = wp.tid()
     if i >= found.count[0]:
@@ -212,8 +224,9 @@ def factor(inertia: Inertia, M: wp.array2d[float], room: Room) -> None:
     it has any: M = Lᵀ D L.
 
     A thread for each world.
-    M: entries of each world's inertia matrix, row after row, (worlds, nC). A row's columns are the
-    ancestors of its degree of freedom, its diagonal last, as in Featherstone 2008, table 6.3.
+    M: entries of each world's inertia matrix, row after row, (worlds, nC).
+    A row's columns are the ancestors of its degree of freedom, its diagonal last, as in
+    Featherstone 2008, table 6.3.
     """
     world = wp.tid()
     if room.first[world] < 0:
@@ -312,8 +325,11 @@ def _parting(
     Steps that move by the new velocity keep U² = (v + b h/2)² - 2 b x in flight, U the speed at the
     plane x = 0, b = `presses`. A contact that touched before this step has the e of v.
 
-    reading, value: the pair's law, as in `_restitution`. approach: v, m/s. depth: x, m.
-    presses: acceleration that presses the two together, m/s². timestep: h, s.
+    reading, value: the pair's law, as in `_restitution`.
+    approach: v, m/s.
+    depth: x, m.
+    presses: acceleration that presses the two together, m/s².
+    timestep: h, s.
     """
     half = presses * timestep / 2.0
     speed = approach + half
@@ -333,8 +349,9 @@ def _weight(
     """Acceleration, m/s², by which gravity alone presses one of two bodies against the other: the
     larger of both, 0 or more.
 
-    normal: from the first body to the second, unit vector. gravity: m/s². body_weldid: 0 for bodies
-    that are fixed to the world, whose weight presses nothing.
+    normal: from the first body to the second, unit vector.
+    gravity: m/s².
+    body_weldid: 0 for bodies that are fixed to the world, whose weight presses nothing.
     """
     along = wp.dot(normal, gravity)
     weight = float(0.0)
@@ -358,10 +375,12 @@ def span(
     """Find the rates along the axes of each contact's frame that each velocity makes: its Jacobian,
     into `room.rows` and, to be divided by the inertia, into `room.moves`.
 
-    A thread for each contact and velocity. geom_bodyid, body_rootid: body of each geom, and root of
-    each body's tree. body_isdofancestor: whether a velocity moves a body, (bodies, nv).
-    subtree_com: m, (worlds, bodies). cdof: motion of each velocity about the centre of mass of its
-    tree, angular then linear, (worlds, nv).
+    A thread for each contact and velocity.
+    geom_bodyid, body_rootid: body of each geom, and root of each body's tree.
+    body_isdofancestor: whether a velocity moves a body, (bodies, nv).
+    subtree_com: m, (worlds, bodies).
+    cdof: motion of each velocity about the centre of mass of its tree, angular then linear,
+    (worlds, nv).
     """
     i, v = wp.tid()
     if i >= found.count[0]:
@@ -402,8 +421,9 @@ def aim(
     `own`, `target`, `calm` and `load` in `room`. A thread for each contact.
 
     values: α (s/m) or e of each pair, (worlds or 1, pairs). timesteps, s, and gravities, m/s²: of
-    each world, or one for all. qvel: velocities, (worlds, nv). qacc, qfrc_smooth: accelerations and
-    forces of all but constraints, of the step before.
+    each world, or one for all.
+    qvel: velocities, (worlds, nv).
+    qacc, qfrc_smooth: accelerations and forces of all but constraints, of the step before.
     """
     i = wp.tid()
     if i >= found.count[0]:
@@ -472,8 +492,10 @@ def _impulse_of(
 ) -> wp.vec3:
     """Impulse, N s, that the law of contact i asks for, while those of the others stay.
 
-    impulse: its last one. change: of its rates by all impulses so far, m/s. friction: coefficients
-    along its two tangents; 0 for none. Components: normal, then tangents.
+    impulse: its last one.
+    change: of its rates by all impulses so far, m/s.
+    friction: coefficients along its two tangents; 0 for none.
+    Components: normal, then tangents.
     """
     own = room.own[i]
     rate = room.rate[i] + change
@@ -515,10 +537,12 @@ def collide(found: Found, friction: wp.array[_Five], room: Room, qvel: wp.array2
     """Let the contacts of each world collide, all at once: no contact parts slower than its target,
     those that part faster have no impulse, and friction stays within Coulomb's.
 
-    found: dimension of each contact, 1 without friction. friction: coefficients of each contact,
-    the first two along its tangents. room: contacts of a world, linked from `first` by `following`
-    until -1, with their rates and targets, m/s. Impulses, N s, never add energy. Velocities after
-    them are written to `qvel`, shape (worlds, velocities).
+    found: dimension of each contact, 1 without friction.
+    friction: coefficients of each contact, the first two along its tangents.
+    room: contacts of a world, linked from `first` by `following` until -1, with their rates and
+    targets, m/s.
+    Impulses, N s, never add energy. Velocities after them are written to `qvel`, shape (worlds,
+    velocities).
 
     A block of threads, of one on a CPU, has a world. Its lanes share out the velocities, and find
     the same impulses.
@@ -583,8 +607,9 @@ def settle(
     The spring is that of the model, with the damping that makes it critical at least. It gives
     depth back no faster than what counts as rest, but bears its load.
 
-    solimp: impedance of each contact, the first number at no depth. timesteps: s, of each world or
-    one for all. qvel: velocities after the impulses, (worlds, nv).
+    solimp: impedance of each contact, the first number at no depth.
+    timesteps: s, of each world or one for all.
+    qvel: velocities after the impulses, (worlds, nv).
     """
     i = wp.tid()
     if i >= found.count[0] or room.law[i] < 0:

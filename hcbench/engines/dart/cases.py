@@ -54,7 +54,8 @@ class DartBodies:
         """Make a body of DART at its start, welded to the world or on a free joint: its body node and
         its skeleton.
 
-        name: of the skeleton. body: of a case, SI: position, velocity, spin, mass, or fixed.
+        name: of the skeleton.
+        body: of a case, SI: position, velocity, spin, mass, or fixed.
         """
         skeleton = dart.dynamics.Skeleton(name)
         at = np.array(body["position"]) * self.length
@@ -84,8 +85,9 @@ class DartBodies:
     def _shape(node: Any, solid: Any, e: float, friction: float) -> Any:
         """Give a body node a shape that collides, and return the shape node.
 
-        solid: DART's shape. e: restitution of its surface, which DART multiplies with that of the
-        other. friction: of its surface.
+        solid: DART's shape.
+        e: restitution of its surface, which DART multiplies with that of the other.
+        friction: of its surface.
         """
         shape = node.createShapeNode(solid)
         shape.createVisualAspect()

@@ -207,8 +207,9 @@ def moving_joints(model: Any, body: int) -> list[MovingJoint]:
 def _whole_tree(model: Any, body: int, chain: list[int]) -> MovingJoint:
     """The mover of all degrees of freedom of the body's robot, those of its other limbs included.
 
-    body: its number. chain: numbers of the bodies with joints from this one to the root, whose joints
-    the mover's description names.
+    body: its number.
+    chain: numbers of the bodies with joints from this one to the root, whose joints the mover's
+    description names.
     """
     joints: list[int] = []
     for ancestor in chain:
@@ -393,7 +394,8 @@ def _why_apart(model: Any, geoms: tuple[int, int]) -> tuple[str, ...]:
     """(what keeps two geoms apart, what was expected instead), and advice as a third where there is
     a fix to name.
 
-    geoms: numbers of the two. The first reason of: a flag, a filter of MuJoCo's, their shapes.
+    geoms: numbers of the two.
+    The first reason of: a flag, a filter of MuJoCo's, their shapes.
     """
     if flag := _disabling(model):
         return f"contacts are disabled, by {flag}", "contacts", f"Remove {flag} from <option>"
@@ -586,7 +588,9 @@ def _mass_along(
 ) -> float:
     """Effective mass of two bodies along a normal, kg; NaN where no joint moves either along it.
 
-    data: MjData with the kinematics. bodies: their numbers. point: where they meet, m, (3,).
+    data: MjData with the kinematics.
+    bodies: their numbers.
+    point: where they meet, m, (3,).
     normal: unit vector, (3,).
     """
     first, second = bodies

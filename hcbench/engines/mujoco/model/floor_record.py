@@ -18,8 +18,10 @@ _CONTACTS = 4
 class Point(NamedTuple):
     """A point at which the robot meets the floor in one step, SI.
 
-    geom, floor: numbers of the two geoms. force: normal, N; 0 where a plug-in's law turns the point
-    back by an impulse. depth: m. speed: towards the floor before the step; slide: along it, m/s.
+    geom, floor: numbers of the two geoms.
+    force: normal, N; 0 where a plug-in's law turns the point back by an impulse.
+    depth: m.
+    speed: towards the floor before the step; slide: along it, m/s.
     """
 
     geom: int

@@ -70,9 +70,10 @@ class OpenedModel(ModelUnderTest):
     def __init__(self, model: Any, label: str, state: Any, request: Request) -> None:
         """Bring the pair of the request to touch.
 
-        model: an MjModel, which this object may change. label: its name in outputs. state: an
-        MjData to start from, or None. Raises UserError and its kinds where the pair cannot be
-        measured.
+        model: an MjModel, which this object may change.
+        label: its name in outputs.
+        state: an MjData to start from, or None.
+        Raises UserError and its kinds where the pair cannot be measured.
         """
         require_feature(backend(), "mj_copyData")
         self.model = model

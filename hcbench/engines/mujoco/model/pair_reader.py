@@ -31,9 +31,11 @@ class MujocoAlongPlate:
     def __init__(self, place: PairAtTouch, launch: Launch, along: Vector | None) -> None:
         """Find the axes of the plate, and which degrees of freedom are the pair's.
 
-        place: the pair at touch. launch: the oblique launch. along: direction of the plate's first
-        axis, in the world; None: x, or y where that is normal to the plate. Raises UserError for
-        one that is 0 or normal to the plate.
+        place: the pair at touch.
+        launch: the oblique launch.
+        along: direction of the plate's first axis, in the world; None: x, or y where that is normal
+        to the plate.
+        Raises UserError for one that is 0 or normal to the plate.
         """
         self.place = place
         self.pair = place.pair
@@ -129,8 +131,11 @@ class MujocoAlongPlate:
         """Motion of the pair along the plate in one state, (8,): slip of the contact point (2, m/s),
         spin (3, rad/s), friction (2, N), and the kinetic energy without that of the approach (J).
 
-        data: MjData with the kinematics of the state. velocity: of the state, (nv,). point: of the
-        contact, m, (3,). rate: of approach, m/s. The friction that `push` added is used up.
+        data: MjData with the kinematics of the state.
+        velocity: of the state, (nv,).
+        point: of the contact, m, (3,).
+        rate: of approach, m/s.
+        The friction that `push` added is used up.
         """
         model = self.pair.model
         # The axes: two in the plate, then the normal. All is of the moving body relative to the other.
@@ -151,8 +156,9 @@ class MujocoAlongPlate:
         """Kinetic energy of the two bodies, J; where joints or servos act, that of the launched
         body's tree as seen from the other body.
 
-        data: MjData with the kinematics. velocity: (nv,). point: of the contact, m, (3,), at which
-        the other body's velocity is taken.
+        data: MjData with the kinematics.
+        velocity: (nv,).
+        point: of the contact, m, (3,), at which the other body's velocity is taken.
         """
         mujoco = backend()
         model = self.pair.model
@@ -237,7 +243,8 @@ class PairReader:
         """Read the pair in one state: penetration beyond the onset of the contact, m, None without a
         contact; force, N, above 0 where it pushes apart; approach rate, m/s.
 
-        data: MjData with contacts and forces of the state. velocity: of the state, (nv,).
+        data: MjData with contacts and forces of the state.
+        velocity: of the state, (nv,).
         The contact's point and normal are kept for `normal` and `contact_point`; friction goes to
         `along`, the reader of oblique launches.
         """
@@ -265,8 +272,9 @@ class PairReader:
         """Force of all contacts of the pair together, N, and the mean rate at which they part, m/s,
         None if no contact has a constraint row, and so a force.
 
-        data: MjData with the forces of a state. contacts: all contacts of `data`. The friction of
-        each of the pair's goes to `along`.
+        data: MjData with the forces of a state.
+        contacts: all contacts of `data`.
+        The friction of each of the pair's goes to `along`.
         """
         addresses = contacts.efc_address.tolist()
         rates = data.efc_vel
@@ -296,7 +304,8 @@ class PairReader:
         """Find the pair's contacts among all, and keep them in `_mine` until other geoms touch; note
         in `others` whether there are contacts of others.
 
-        geoms: numbers of the two geoms of each contact. dims: condim of each.
+        geoms: numbers of the two geoms of each contact.
+        dims: condim of each.
         """
         # 1 for geoms of the first part, 2 for those of the second; the two of a contact of the pair
         # add up to BOTH_SIDES.
@@ -336,7 +345,8 @@ class PairReader:
         """Penetration of two that have no contact, m, below 0 where they are apart: by MuJoCo's
         distance of the geoms, counted from that at touch; `guess` for shapes without a distance.
 
-        data: MjData with the kinematics. guess: m.
+        data: MjData with the kinematics.
+        guess: m.
         """
         if not math.isfinite(self.place.gap):
             return guess

@@ -53,8 +53,9 @@ class SpeedShares:
     def __init__(self, model: Any, sides: NDArray[np.int8]) -> None:
         """Begin with sums of zero, for one launch.
 
-        model: MjModel. sides: of each geom, 1 for those of the moving part, 2 for the other's, else
-        0, (ngeom + 1,).
+        model: MjModel.
+        sides: of each geom, 1 for those of the moving part, 2 for the other's, else 0, (ngeom +
+        1,).
         """
         self._model = model
         self._sides = sides
@@ -111,7 +112,8 @@ class SpeedShares:
     def keep(self, steps: Sequence[int], accelerations: Floats) -> None:
         """Add steps whose accelerations of the approach by each of NAMES are known.
 
-        steps: their numbers in the launch, rising. accelerations: of each, m/s², (n, causes).
+        steps: their numbers in the launch, rising.
+        accelerations: of each, m/s², (n, causes).
         """
         self._at += steps
         self._parts.append(accelerations)

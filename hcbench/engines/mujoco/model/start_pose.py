@@ -76,7 +76,8 @@ def _require_metres(label: str, gravity: float) -> None:
     """Raise QuantityError for a model whose gravity is the Earth's in another unit of length, such as
     981 for centimetres; not with --beyond-bounds.
 
-    label: the model's name in errors. gravity: its magnitude, in the model's units.
+    label: the model's name in errors.
+    gravity: its magnitude, in the model's units.
     """
     for unit, per_metre in _OTHER_UNITS.items():
         looks_like_it = abs(gravity / (STANDARD_GRAVITY * per_metre) - 1.0) < _EARTH
@@ -111,7 +112,8 @@ def require_plausible_state(model: Any, data: Any) -> None:
 def require_quaternions(model: Any, qpos: Floats, slot: str) -> None:
     """Raise QuantityError for a pose in which the quaternion of a joint has the length 0.
 
-    qpos: one pose, (nq,), or several, (n, nq). slot: name of what has them, for the error.
+    qpos: one pose, (nq,), or several, (n, nq).
+    slot: name of what has them, for the error.
     """
     kinds = backend().mjtJoint
     for joint in range(model.njnt):
@@ -279,8 +281,10 @@ def beyond_limit(model: Any, data: Any, joint: int) -> tuple[float, float, float
     """Compare a joint with its limit: how far it is beyond, how far it may be, and the nearest value
     within the limit; m for a slide, else rad.
 
-    data: MjData with the pose in qpos. joint: number of a limited joint. The limit of a ball joint
-    is on the angle of its turn: the first number is below 0 inside it, and the last is NaN.
+    data: MjData with the pose in qpos.
+    joint: number of a limited joint.
+    The limit of a ball joint is on the angle of its turn: the first number is below 0 inside it,
+    and the last is NaN.
     """
     kinds = backend().mjtJoint
     kind = int(model.jnt_type[joint])

@@ -49,8 +49,9 @@ class VariedPair(VariedContact):
         """Write a <pair> for every two geoms of the request's pair into a copy of the model, and
         compile it.
 
-        source: a path, MJCF text or an MjSpec. Raises SceneError for a model that does not compile,
-        UserError where it cannot be written or the pair cannot be measured.
+        source: a path, MJCF text or an MjSpec.
+        Raises SceneError for a model that does not compile, UserError where it cannot be written or
+        the pair cannot be measured.
         """
         own = load(source, request)[0]
         self._label = label_of(source)

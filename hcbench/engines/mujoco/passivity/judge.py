@@ -74,7 +74,8 @@ def bounces_in_rows(
     """Simulate a ball on contact rows, in hcbench's own model of MuJoCo's step: single impacts at
     many speeds and phases, and drops from HEIGHTS.
 
-    timestep: s. gravity: m/s²; for 0 the single impacts alone.
+    timestep: s.
+    gravity: m/s²; for 0 the single impacts alone.
     speeds: lowest and highest of the band, m/s, above 0. Single impacts go from _SLOW times the
     lowest up to the highest, and to the speed of the highest drop if that is faster.
     train: the longest train of bounces that the target allows; None: none goes on.
@@ -102,8 +103,10 @@ def bounces_in_rows(
 class _Drops:
     """Balls over a plate, each with a clock of its own, under Euler's steps of a setting's rows.
 
-    timestep: s. gravity: m/s². Penetration x, m, is above 0 in contact, its rate v, m/s, on
-    approach; flights are advanced in closed form.
+    timestep: s.
+    gravity: m/s².
+    Penetration x, m, is above 0 in contact, its rate v, m/s, on approach; flights are advanced in
+    closed form.
     """
 
     def __init__(self, rows: Sequence[ConstraintRow], timestep: float, gravity: float) -> None:
@@ -115,7 +118,8 @@ class _Drops:
         """States of drops in their first step in contact, (3, n): penetration, m, rate, m/s, and
         speed at touch, m/s.
 
-        speeds: at touch, m/s, (n,). phases: where in a step each touches, 0 to 1, (n,).
+        speeds: at touch, m/s, (n,).
+        phases: where in a step each touches, 0 to 1, (n,).
         """
         time = self._h * (1.0 - phases)
         x = speeds * time + self._g * time**2 / 2.0
@@ -257,8 +261,10 @@ class _DropGoal(ctypes.Structure):
     def of(cls, h: float, g: float, rows: int, is_single: bool) -> _DropGoal:
         """Constants of drops for C.
 
-        h: time step, s. g: gravity, m/s². rows: their number. is_single: each drop ends with its
-        first rebound.
+        h: time step, s.
+        g: gravity, m/s².
+        rows: their number.
+        is_single: each drop ends with its first rebound.
         """
         return cls(
             h=h,
@@ -306,7 +312,8 @@ def effect_on_others(option: Mapping[str, str], timestep: float, gravity: float)
     iterations and e of one, with MuJoCo's default cone and with the options.
 
     option: attributes of the setting's <option>, such as cone and impratio.
-    timestep: s. gravity: m/s².
+    timestep: s.
+    gravity: m/s².
     """
     before = (("cone", "pyramidal"),)
     after = tuple(sorted(option.items()))
@@ -329,7 +336,9 @@ def _untuned_contact(
     """Simulate a ball in a contact that is not tuned: its drift on a slope, mm/s, the solver's
     iterations a step there, and e of oblique impacts at _LAUNCHES phases of a step.
 
-    option: attributes of <option>. timestep: s. gravity: m/s².
+    option: attributes of <option>.
+    timestep: s.
+    gravity: m/s².
     """
     mujoco = backend()
     attributes = dict(option)
@@ -358,7 +367,9 @@ def _untuned_contact(
 def _untuned_ball(option: Mapping[str, str], timestep: float, gravity: float, solref: str) -> Any:
     """Compiled model of a ball of 1 kg that may not turn, on a plane, in a contact by this solref.
 
-    option: attributes of <option>. timestep: s. gravity: m/s², down.
+    option: attributes of <option>.
+    timestep: s.
+    gravity: m/s², down.
     """
     slides = ""
     for axis in ("1 0 0", "0 1 0", "0 0 1"):
@@ -376,7 +387,8 @@ def _untuned_e(model: Any, phase: float) -> float:
     """e of an impact of a ball that slides, 0 where the ball stays down: the speed after the first
     step that ends above the plane on the way up, over the speed at launch.
 
-    model: compiled, of the ball. phase: where in a step it touches, 0 to 1.
+    model: compiled, of the ball.
+    phase: where in a step it touches, 0 to 1.
     """
     mujoco = backend()
     data = mujoco.MjData(model)

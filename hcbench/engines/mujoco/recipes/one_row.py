@@ -119,7 +119,8 @@ def _way_in(work: Floats, damping: Floats, speeds: Floats) -> tuple[Whole, Float
     (population, speeds) each.
 
     work, damping: elastic work and damping of each interval, (population, intervals), per unit
-    mass, with speeds in the band's highest one. speeds: at touch, over that one, (speeds,).
+    mass, with speeds in the band's highest one.
+    speeds: at touch, over that one, (speeds,).
     """
     v = np.broadcast_to(speeds, (len(work), len(speeds))).copy()
     last = np.full(v.shape, -1)
@@ -172,8 +173,9 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
     """Search the parameters of one row, (6,), in the order of _LOWEST, with the least largest error
     of e, by an evolution and by Nelder and Mead's method.
 
-    shares: impact speeds over the highest of the band, rising. wanted: e at each. Raises
-    SearchInterrupted with the best so far.
+    shares: impact speeds over the highest of the band, rising.
+    wanted: e at each.
+    Raises SearchInterrupted with the best so far.
     """
     # SciPy's optimisation is slow to import.
     from scipy.optimize import Bounds, differential_evolution, minimize
@@ -298,7 +300,8 @@ def impulse(target: Target, integrator: str = "Euler", spring: float = 0.0) -> d
     """Options of a setting, by name: one contact whose damping turns a speed v into -e v within the
     step that finds it closed.
 
-    target: its best constant e and its time step count. integrator: that the options name.
+    target: its best constant e and its time step count.
+    integrator: that the options name.
     spring: K, 1/s².
     A contact of impedance d gives the acceleration a = d (K x - D v) + (1 - d) g: with D = (1 +
     e)/h a step h ends in v - (1 + e) v = -e v, at any depth x. With K = 0 e is exact at every

@@ -260,9 +260,10 @@ class RowFit:
         """Take one step of m launches, Euler's by the new speed, or the classical Runge-Kutta of
         MuJoCo's RK4: penetration and rate after it.
 
-        rows: of the setting of each launch, (m,). x: penetration in units of v h, (m,). v: its
-        rate, in units of the band's highest speed, (m,). See MuJoCo's documentation, Computation,
-        "Numerical integration".
+        rows: of the setting of each launch, (m,).
+        x: penetration in units of v h, (m,).
+        v: its rate, in units of the band's highest speed, (m,). See MuJoCo's documentation,
+        Computation, "Numerical integration".
         """
         if not self.rk4:
             v = v - self._acceleration(rows, x, v)
@@ -276,11 +277,12 @@ class RowFit:
     def _acceleration(self, rows: _Rows, x: Floats, v: Floats) -> Floats:
         """Acceleration away from the plate times the step, in the band's highest speed, (m,).
 
-        rows: of the setting of each launch, (m,). x: penetration in units of v h, (m,). v: its
-        rate, in units of the band's highest speed, (m,).
-        MuJoCo's documentation, Computation, "Constraint model": (A + R) f = a_ref - a_0, R = (1 -
-        d)/d diag(A). Rows at one point, of weights w = d/(1 - d), give a = (Σ w a_ref - g)/(1 + Σ
-        w), summed over those that act.
+        rows: of the setting of each launch, (m,).
+        x: penetration in units of v h, (m,).
+        v: its rate, in units of the band's highest speed, (m,). MuJoCo's documentation,
+        Computation, "Constraint model": (A + R) f = a_ref - a_0, R = (1 - d)/d diag(A). Rows at one
+        point, of weights w = d/(1 - d), give a = (Σ w a_ref - g)/(1 + Σ w), summed over those that
+        act.
         """
         g = self.fall
         spring_weight = self.corners * _WEIGHT
@@ -305,8 +307,9 @@ class RowFit:
         """The two rows, a spring and a damper, of one point of the search, in SI units and in the
         digits with which a model is written.
 
-        parameters: (6,). timestep: s. speed: the band's highest, m/s, by which the parameters are
-        scaled.
+        parameters: (6,).
+        timestep: s.
+        speed: the band's highest, m/s, by which the parameters are scaled.
         """
         h = timestep
         # K h² and D h of the spring; D h, dmax, width over v h and midpoint of the damper.

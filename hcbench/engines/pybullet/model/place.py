@@ -108,7 +108,8 @@ def find_face(bullet: BulletClient, moving: BodyPart, other: BodyPart, size: flo
     point, a little in each direction: its nearest points then lie around the face. That moves the
     body, so callers run it in a copy, by `run_aside`.
 
-    moving: stands where it touches the other. size: of the smaller part, m.
+    moving: stands where it touches the other.
+    size: of the smaller part, m.
     """
     touching = nearest(bullet, moving, other)
     # m and unit vector, (3,) each.
@@ -326,7 +327,8 @@ def _clear_start(
     The boxes around the two decide. Where they would pass by each other, the body is also moved
     across the way, until their centres are in line.
 
-    direction: unit vector, (3,), towards the other. position: of the base now, m, (3,).
+    direction: unit vector, (3,), towards the other.
+    position: of the base now, m, (3,).
     """
     low, high = _bounds(bullet, moving)
     other_low, other_high = _bounds(bullet, other)
@@ -434,7 +436,8 @@ def _rates_towards(
 def _within_limits(joint: Any, start: float, target: float) -> float:
     """Position of a joint, brought into its limits; one that starts beyond a limit may stay there.
 
-    joint: as getJointInfo returns it. start, target: where it is and where it is to go, rad or m.
+    joint: as getJointInfo returns it.
+    start, target: where it is and where it is to go, rad or m.
     """
     low = joint[_LOWER]
     high = joint[_UPPER]
@@ -478,8 +481,9 @@ def _touch(
 ) -> BulletPlacement:
     """Move a part by its mover until the two just touch, and return where that is.
 
-    note: how the mover was chosen, "" where it was not a choice. With a note, the bodies' files all
-    stand at the origin: that they overlap there says nothing, and the result has an overlap of 0.
+    note: how the mover was chosen, "" where it was not a choice.
+    With a note, the bodies' files all stand at the origin: that they overlap there says nothing,
+    and the result has an overlap of 0.
 
     Raises SceneError where they start deep in each other, UserError where they pass each other or
     another part is in the way, EngineFailed where PyBullet dies while it looks for a face.
@@ -536,7 +540,8 @@ def _effective_mass(
     """Effective mass of two links along a contact's normal, 1 / (J M^-1 J^T), kg, in the world's
     present pose; NaN where neither can move, or the axis of a joint is unknown.
 
-    point: of the contact, m, (3,). normal: unit vector, (3,).
+    point: of the contact, m, (3,).
+    normal: unit vector, (3,).
     """
     # The two links of one body share it, as its response to both forces counts.
     bodies = {number: BulletBody(bullet, number) for number in (first.body, second.body)}

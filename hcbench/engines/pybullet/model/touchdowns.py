@@ -58,7 +58,9 @@ _Links = tuple[int, int, int, int]
 class _Moving:
     """A body that moves, in the order of PyBullet's numbers.
 
-    body: its id. is_free: its base moves. joints: numbers of its hinges and slides.
+    body: its id.
+    is_free: its base moves.
+    joints: numbers of its hinges and slides.
     """
 
     body: int
@@ -75,7 +77,8 @@ class _Moving:
         """Put the body into a state.
 
         qpos: its own positions: of a free base x y z, m, and a quaternion x y z w, then one of each
-        joint, rad or m. qvel: of a free base velocity, m/s, and spin, rad/s, then of each joint.
+        joint, rad or m.
+        qvel: of a free base velocity, m/s, and spin, rad/s, then of each joint.
         """
         if self.is_free:
             bullet.resetBasePositionAndOrientation(
@@ -101,16 +104,18 @@ class _TouchingLinks(NamedTuple):
 class _Recording:
     """The bodies of a world that move, and the states of a recorded motion of them.
 
-    moving: the bodies, in PyBullet's order. motion: the recorded states.
+    moving: the bodies, in PyBullet's order.
+    motion: the recorded states.
     """
 
     def __init__(self, bullet: BulletClient, recorded: Mapping[str, Floats]) -> None:
         """Read a recording of the bodies that move in a world.
 
         recorded: "qpos" and "qvel", (states, numbers of all moving bodies); "time", s, (states,),
-        where it is known. Raises UserError for a ball joint or a planar one, for arrays of other
-        shapes, for numbers that are not finite and for a time that does not rise; QuantityError for
-        a quaternion of length 0.
+        where it is known.
+        Raises UserError for a ball joint or a planar one, for arrays of other shapes, for numbers
+        that are not finite and for a time that does not rise; QuantityError for a quaternion of
+        length 0.
         """
         self.bullet = bullet
         self.moving = list(_moving_bodies(bullet))

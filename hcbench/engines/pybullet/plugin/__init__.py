@@ -165,8 +165,9 @@ def add(
 def _reduced_mass(bullet: BulletClient, sides: Iterable[tuple[int, int]]) -> float:
     """Reduced mass 1/(1/m1 + 1/m2) of a pair, kg, of which at least one can move.
 
-    sides: (body, link) of the two. The link -2, which stands for any, counts as the base, and
-    where that is fixed as the lightest link that moves.
+    sides: (body, link) of the two.
+    The link -2, which stands for any, counts as the base, and where that is fixed as the lightest
+    link that moves.
     """
     # Sum of 1/m, 1/kg. A body that cannot move has a mass of 0 in Bullet.
     mobility = 0.0
@@ -186,7 +187,8 @@ def _reduced_mass(bullet: BulletClient, sides: Iterable[tuple[int, int]]) -> flo
 def remove(number: int, *, client: int = 0) -> None:
     """End a law; Bullet's own contact of its pair acts again.
 
-    number: of the law, as `add` returned it. Raises SettingError if the client has no such law.
+    number: of the law, as `add` returned it.
+    Raises SettingError if the client has no such law.
     """
     if BulletClient(client).executePluginCommand(load(client), "remove", [number]) < 0:
         raise SettingError(
@@ -198,7 +200,8 @@ def remove(number: int, *, client: int = 0) -> None:
 def force(number: int, *, client: int = 0) -> float:
     """The normal force of a law in the last (sub)step, N, of all its contacts together.
 
-    number: of the law, as `add` returned it. Raises SettingError for one that the client has not.
+    number: of the law, as `add` returned it.
+    Raises SettingError for one that the client has not.
     """
     # The 8 bytes of a double in answer[2]; an integer below 0 for an unknown law.
     answer = BulletClient(client).executePluginCommand(load(client), "force", [number])
@@ -230,7 +233,8 @@ class Recorder:
         """Take `steps` steps, and return position, m, velocity, m/s, and angular velocity, rad/s, of
         bodies after each, (steps, bodies, 3 quantities, 3).
 
-        bodies: their ids. Raises EngineFailed where a body is gone.
+        bodies: their ids.
+        Raises EngineFailed where a body is gone.
         """
         ids = np.array(bodies, dtype=np.intc)
         seen = np.empty((steps, len(bodies), 3, 3))
