@@ -79,15 +79,27 @@ class DartEngine(DescribesContact, ScriptedEngine[DartOptions]):
         return "\n".join(filter(None, (length, _set(options), _hook(options))))
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """DART's restitution for an e, with what constraint force mixing of 1e-5 takes added."""
+        """DART's restitution for an e, with what constraint force mixing takes of it added; caveats
+        alone for a contact without an e.
+        """
         e = contact.restitution
         if e is None:
             return Vocabulary(caveats=_CAVEATS)
         note = f"{contact.at}; setRestitutionCoeff on one shape, 1 on the other"
-        value = min(1.0, (1.0 + e) * (1.0 + 1e-5) - 1.0)
-        return Vocabulary(
-            (SystemValue("DART", "restitution", (value,), "", note),), caveats=_CAVEATS
-        )
+        value = SystemValue("DART", "restitution", (_coefficient(e),), "", note)
+        return Vocabulary((value,), caveats=_CAVEATS)
+
+
+# Constraint force mixing is built in: two shapes whose coefficients multiply to p bounce with
+# (1 + p)/(1 + 1e-5) - 1.
+_MIXING = 1e-5
+
+
+def _coefficient(e: float) -> float:
+    """The restitution to set of one shape so that it bounces with e on another, which has 1; 1 at
+    most, as DART takes no more.
+    """
+    return min(1.0, (1.0 + e) * (1.0 + _MIXING) - 1.0)
 
 
 def _set(options: DartOptions) -> str:
@@ -153,8 +165,6 @@ def step():
     return state()"""
 
 
-# Constraint force mixing is built in: a shape's e gives (1 + e)/(1 + 1e-5) - 1.
-_MIXING = 1e-5
 # In units of length a second: no bounce below the first in e v, none faster than the second.
 _THRESHOLD = 0.1
 _CAP = 100.0
@@ -182,7 +192,7 @@ def restitution(target: Target) -> dict[str, Any]:
     """The best constant e, in a unit of length that keeps the band between threshold and cap."""
     e, _ = minimax_constant(target)
     return {
-        "restitution": min(1.0, (1.0 + e) * (1.0 + _MIXING) - 1.0),
+        "restitution": _coefficient(e),
         "units_per_metre": units_per_metre(target, e),
     }
 

@@ -545,15 +545,20 @@ def follow_in_c(
 
     contacts, speeds, heights: filled, for each of n states: the number of contacts in the step that
     led to it, (n,), qvel, (n, 6), and the height after the step from it, m, (n,).
-    Raises MuJoCo's FatalError.
+    Raises EngineFailed for a fatal error of MuJoCo's.
     """
     library = loop_in_c()
     if library is None:
         return False
     arrays = [array.ctypes.data for array in (contacts, speeds, heights)]
     if library.follow(model._address, data._address, len(contacts), *arrays) == _FATAL_ERROR:
-        raise backend().FatalError(library.fatal_error().decode(errors="replace"))
+        raise _fatal_error(library)
     return True
+
+
+def _fatal_error(library: ctypes.CDLL) -> EngineFailed:
+    """The error to raise where MuJoCo ended a loop in C: in its words, the last of this thread."""
+    return EngineFailed("mujoco", library.fatal_error().decode(errors="replace"), "")
 
 
 def flights_of(opened: OpenedModel, launches: Sequence[Launch]) -> list[MujocoFlight]:
@@ -728,7 +733,7 @@ class CompiledSimulation(Flights[CompiledFlight]):
                 *(array.ctypes.data for array in (read, parts, is_counted, taken)),
             )
             if result == _FATAL_ERROR:
-                raise backend().FatalError(library.fatal_error().decode(errors="replace"))
+                raise _fatal_error(library)
         self._opened.warned.extend(warned)
         if result < 0:
             raise EngineFailed("mujoco", "no memory for a step", "a model that fits into memory")
