@@ -325,22 +325,39 @@ class Impacts(Columns[Impact]):
             _listed(self.speed_after_force),
             strict=True,
         )
-        # Names and order are those of `columns`, and of the fields of `Impact`.
-        for launch, status, reason, v_in, v_out, duration, depth, force, samples, *rest in columns:
-            source, row, start, along_plate, v_after_force = rest
+        for (
+            launch,
+            status,
+            reason,
+            speed_in,
+            speed_out,
+            duration,
+            penetration,
+            force,
+            samples,
+            source,
+            row,
+            start,
+            along_plate,
+            speed_after_force,
+        ) in columns:
             loop = source
             if isinstance(source, Recorded):
                 loop = source.loop(row, start, samples)
-            measured = (v_in, v_out, duration, depth, force)
+            # In the order of the fields of `Impact`.
             yield Impact(
                 launch,
                 STATUSES[status],
                 reason,
-                *measured,
+                speed_in,
+                speed_out,
+                duration,
+                penetration,
+                force,
                 samples,
                 loop,
                 along_plate,
-                v_after_force,
+                speed_after_force,
             )
 
     @property

@@ -140,9 +140,12 @@ def _of_material(
 
 
 def _solref(given: str | Sequence[float | str] | None) -> tuple[float, float] | None:
-    """The two numbers of a solref, from text or a sequence; None for None.
+    """The two numbers of a solref of MuJoCo's, from text or a sequence; None for None.
 
-    Raises UserError for anything else.
+    They are a time constant, s, and a damping ratio, or, both below 0, a stiffness, 1/s², and a
+    damping, 1/s; here they are only read.
+    given: as the user wrote it, such as "-2.7e8 -815" or [0.02, 1].
+    Raises UserError for anything but two numbers.
     """
     if given is None:
         return None

@@ -53,24 +53,32 @@ class DropBench(ABC):
         """Drop the robot with the contacts that it has now. seconds: of each drop."""
 
     def whole_test(self, like: DropTest | None, until_worse: bool = False) -> DropTest:
-        """Make every drop: for as long as `like` took, to be compared with it; for None, for as long
-        as a standing robot takes to rest, or only until the touch if it falls over.
+        """Make every drop, each for as long as `like` took, to be compared with it.
 
-        until_worse: one drop alone where something is worse in it than in all of `like`.
+        like: another test of the robot; None: each drop lasts until the robot rests.
+        until_worse: return the hardest drop alone where that already is worse than all of `like`.
         """
-        if like is not None:
-            if until_worse:
-                # The highest, tilted. Quantities are the largest of all drops: others change nothing.
-                hardest = self.test(like.seconds, self.drops[-1:])
-                if any(hardest.worse_than(like)):
-                    return hardest
-            return self.test(like.seconds, self.drops)
+        if like is None:
+            return self._until_rest()
+        if until_worse:
+            # The highest, tilted. Quantities are the largest of all drops: others change nothing.
+            hardest = self.test(like.seconds, self.drops[-1:])
+            if any(hardest.worse_than(like)):
+                return hardest
+        return self.test(like.seconds, self.drops)
+
+    def _until_rest(self) -> DropTest:
+        """Make every drop for as long as a standing robot takes to rest; only until the touch for a
+        robot that falls over.
+        """
         # Where a robot lies that fell over is chance: only its touch can be compared. One drop
         # shows most robots that fall, and saves the others.
         if self.test(SECONDS, self.drops[-1:]).fell:
             return self.test(SECONDS_TO_FALL, self.drops)
         test = self.test(SECONDS, self.drops)
-        return self.test(SECONDS_TO_FALL, self.drops) if test.fell else test
+        if test.fell:
+            return self.test(SECONDS_TO_FALL, self.drops)
+        return test
 
 
 @dataclass(frozen=True, slots=True)

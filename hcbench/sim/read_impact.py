@@ -323,7 +323,7 @@ class EndedContacts:
 
 
 def _crossing_speeds(
-    states: Floats, seen: EndedContacts, h: float, last: NDArray[np.int64]
+    states: Floats, seen: EndedContacts, h: float, middle_after: NDArray[np.int64]
 ) -> States:
     """Speeds in, out and after the contact's last force, m/s, (b,) each, where the path crosses the
     plane.
@@ -331,7 +331,7 @@ def _crossing_speeds(
     states: penetration, m, rate, m/s, and force, N, (3, b, n).
     seen: where the contact of each launch began and ended.
     h: the step, s.
-    last: index of the middle one of three free states after the contact, (b,).
+    middle_after: index of the middle one of three free states after the contact, (b,).
     """
     x = states[0]
     is_deep = x > 0.0
@@ -340,7 +340,7 @@ def _crossing_speeds(
         is_deep.any(axis=1), np.minimum(seen.first, is_deep.argmax(axis=1)), seen.first
     )
     v_in = _crossing_speed(x, entered - 1, h)
-    v_out = _crossing_speed(x, last, h)
+    v_out = _crossing_speed(x, middle_after, h)
     # Fewer than three states before the touch: what the first two or the first one tell.
     v_in = np.where(entered < 2, _early_crossing_speed(states[:2, :, :2], h), v_in)
     v_in = np.where(entered < 1, seen.came[1], v_in)

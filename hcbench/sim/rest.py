@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -278,27 +278,43 @@ class Standing:
         slope: its angle, rad.
         falls: whether the model falls over on the level.
         """
+        iterations, step_time = cost
         return cls(
-            rest.penetration,
-            on_slope.drift,
-            hold,
-            rest.vibration,
-            hop,
-            *cost,
-            rest.force_noise,
-            slope,
+            penetration=rest.penetration,
+            drift=on_slope.drift,
+            hold=hold,
+            vibration=rest.vibration,
+            hop=hop,
+            iterations=iterations,
+            step_time=step_time,
+            force_noise=rest.force_noise,
+            slope=slope,
             falls=falls,
         )
 
     @property
+    def _values(self) -> dict[str, float]:
+        """The value of each of QUANTITIES, SI, by its key and in their order."""
+        return {
+            "penetration_m": self.penetration,
+            "drift_m_per_s": self.drift,
+            "hold_m_per_s": self.hold,
+            "vibration_m_per_s": self.vibration,
+            "hop_m": self.hop,
+            "solver_iterations": self.iterations,
+            "step_time_s": self.step_time,
+        }
+
+    @property
     def record(self) -> dict[str, float]:
         """The numbers as JSON and the table have them, by key."""
-        names = [quantity.key for quantity in QUANTITIES]
-        return dict(zip(names, astuple(self), strict=False)) | {"force_noise": self.force_noise}
+        return {**self._values, "force_noise": self.force_noise}
 
     def worse_than(self, before: Standing) -> Iterator[str]:
         """Quantities that grew by more than a fifth and are not small, in words."""
-        for quantity, was, now in zip(QUANTITIES, astuple(before), astuple(self), strict=False):
+        for quantity in QUANTITIES:
+            was = before._values[quantity.key]
+            now = self._values[quantity.key]
             if quantity.is_worse(was, now):
                 yield quantity.change(was, now)
 
@@ -310,15 +326,18 @@ class Standing:
         before: the model to compare with.
         timestep: s.
         """
-        limits = (
-            ("drift_m_per_s", self.drift, before.drift, 0.0),
-            ("hold_m_per_s", self.hold, before.hold, 0.0),
-            ("penetration_m", self.penetration, before.penetration, _DEPTH_STEP * timestep),
-            ("vibration_m_per_s", self.vibration, before.vibration, VIBRATION_MAX),
-        )
-        # `enough`: SI; up to it any value will do.
-        for key, now, was, enough in limits:
-            quantity = next(each for each in QUANTITIES if each.key == key)
+        # Of each quantity that is judged the value, SI, up to which any will do.
+        limits = {
+            "drift_m_per_s": 0.0,
+            "hold_m_per_s": 0.0,
+            "penetration_m": _DEPTH_STEP * timestep,
+            "vibration_m_per_s": VIBRATION_MAX,
+        }
+        quantity_of = {quantity.key: quantity for quantity in QUANTITIES}
+        for key, enough in limits.items():
+            quantity = quantity_of[key]
+            was = before._values[key]
+            now = self._values[key]
             if quantity.is_worse(was, now) and not now <= enough:
                 yield quantity.change(was, now)
 

@@ -107,9 +107,12 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
         """The options of a setting; SettingError names the first that the engine does not have."""
         options = validate(self.table, setting.options, SettingError, f"{self.name} option '{{}}'")
         if options.law is not None and not isinstance(options.law, self.laws):
-            got, expected = "'force'", "'restitution'"
-            if HuntCrossley in self.laws:
-                got, expected = expected, got
+            # An engine that does not take the one kind of law takes the other.
+            got = "'restitution'"
+            expected = "'force'"
+            if isinstance(options.law, HuntCrossley):
+                got = "'force'"
+                expected = "'restitution'"
             raise SettingError(
                 f"{self.name} option 'law.kind'", got, f"{expected}, which this engine supports"
             )

@@ -185,15 +185,15 @@ class CopiesWorld(BatchWorld):
         # Batches are a multiple of this: an eighth to a sixteenth of the launches, a power of 2.
         unit = max(_WIDTH, 2 ** (count.bit_length() - 4))
         padded = -(-count // unit) * unit
-        sent = launches.take(np.minimum(np.arange(padded), count - 1))
-        heights = self.scene.touch_radius + sent.clearance(self.timestep)
-        placed_heights, rising = self.place(heights, -sent.speed)
+        in_batch = launches.take(np.minimum(np.arange(padded), count - 1))
+        heights = self.scene.touch_radius + in_batch.clearance(self.timestep)
+        placed_heights, rising = self.place(heights, -in_batch.speed)
         kind = self._copies.kind
-        rule = rule_for(sent, self.scene, self.timestep, self.bits, kind)
+        rule = rule_for(in_batch, self.scene, self.timestep, self.bits, kind)
         reading = begun(placed_heights, rising, kind)
         few = 0
-        if len(sent) > _FEW * _WIDTH:
-            few = len(sent) // _FEW
+        if padded > _FEW * _WIDTH:
+            few = padded // _FEW
         reading = self._copies.read_on(rule, reading, few, NEVER)
         if few:
             most = _LONGER * int(reading.steps.max()) + _REST

@@ -149,8 +149,9 @@ class StopRule:
         deepest: penetration, m, beyond which a launch is TOO_DEEP.
         after: steps to wait for once the bodies are apart.
         """
-        sent = Launches.of(launches)
-        flights = sent.flight_time(timestep, gravity) / timestep
+        columns = Launches.of(launches)
+        # Steps from release to touch.
+        flights = columns.flight_time(timestep, gravity) / timestep
         flight_steps = np.minimum(
             np.ceil(FLIGHT_SLACK * flights) + FLIGHT_SLACK_STEPS, FLIGHT_STEPS_MAX
         )
@@ -162,7 +163,7 @@ class StopRule:
         return cls(
             flight_steps=flight_steps.astype(np.int64),
             contact_steps=contact,
-            rest_speed=REST_SHARE * sent.touch_speed(timestep, gravity),
+            rest_speed=REST_SHARE * columns.touch_speed(timestep, gravity),
             fall=abs(gravity) * timestep,
             deepest=deepest,
             touch=np.full(len(launches), _NEVER),

@@ -43,13 +43,21 @@ _NOISE = wp.constant(4e-7)
 
 @wp.struct
 class Found:
-    """Contacts of all worlds, as the engine found them in this step, or had them in the last.
+    """Contacts of all worlds, as the engine found them in this step, or had them in the last;
+    arrays of one entry a contact, in the world's frame, SI.
 
-    count: of them, (1,).
-    world, dim: of each.
-    geom: of both sides.
+    count: number of contacts, (1,); entries beyond it are old.
+    world: number of its world.
+    geom: numbers of its two geoms.
     place: number among those that two geoms can have, such as that of a box's corner.
-    mark: of those that are solved.
+    mark: bits, of which _CONSTRAINT marks a contact that the solver makes rows of.
+    dim: rows of it, 1 without friction.
+    dist: of the two geoms, m, below 0 where they overlap.
+    margin: distance at which it begins to act, m.
+    pos: where it is, m.
+    frame: its axes as rows, the normal first, from the first geom to the second.
+    solref: MuJoCo's, of its spring.
+    row: addresses of its constraint rows, the normal's first; -1 without.
     """
 
     count: wp.array[int]
@@ -68,23 +76,27 @@ class Found:
 
 @wp.struct
 class Room:
-    """Numbers of a step that outlive none, for each contact; and the heads of the worlds' lists.
+    """Memory of one step: numbers of each contact, and the first contact of each world's list.
 
-    first, first_before: of the contacts of a law, now and in the step before, (worlds,); -1 of
-    none.
-    following, following_before: in those lists.
-    geom_before, place_before, force_before: of the step before.
+    Arrays have one entry a contact unless a shape is given. Rates are along a contact's normal,
+    above 0 where it parts, and its two tangents.
+    first, first_before: number of the first contact with a law, now and in the step before,
+    (worlds,); -1 of none.
+    following, following_before: number of the next contact in those lists; -1 at the end.
+    geom_before, place_before, force_before: geoms, place and normal force, N, of contacts of the
+    step before.
     law: number of the pair; -1 of none.
-    dist, solref: as found.
-    rows: rates over velocities, along the normal (apart above 0) and two tangents, (contacts, nv).
-    moves: M⁻¹ of the rows.
-    own: rates that impulses of the same contact make.
-    rate: before impulses, less half a step's push.
-    target: least rate at which it parts.
-    calm: speed that counts as rest.
-    load: m/s².
+    dist, solref: as found, since `settle` changes those of the engine.
+    rows: rates over velocities, (contacts, nv): the Jacobian.
+    moves: M⁻¹ of the rows, (contacts, nv).
+    own: rates that impulses of the same contact make, 1/kg.
+    rate: before impulses, less half a step's push, m/s.
+    impulse: N s.
+    target: least rate at which it parts, m/s.
+    calm: speed that counts as rest, m/s.
+    load: acceleration that presses the two together, m/s².
     factor: L and D of M = Lᵀ D L, (worlds, nC).
-    change: of the velocities, (worlds, nv).
+    change: of the velocities, by all impulses, (worlds, nv).
     """
 
     first: wp.array[int]
@@ -111,8 +123,11 @@ class Room:
 
 @wp.struct
 class LawsThere:
-    """LawsThere of pairs: number of the pair of two geoms (-1: none), what each value is, and e over
-    α v.
+    """Laws of pairs, in arrays on a device; see `Laws` of `pair_laws`, which is on the host.
+
+    pair_of: number of the pair of two geoms, (ngeom, ngeom); -1 of none.
+    reading: what the value of each pair is, _LINEAR, _CONSTANT or neither, (pairs,).
+    e: of the law, at the points of its table over α v.
     """
 
     pair_of: wp.array2d[int]
