@@ -119,23 +119,29 @@ class Base:
 
 
 def _in_frame_of_ball(model: Any, data: Any, joint: int, turn: Floats) -> Floats:
-    """A turn of the world as a ball joint counts it, w x y z, (4,).
+    """A turn in the world, written in the frame from which a ball joint counts its attitude: the
+    quaternion w x y z, (4,), by which to multiply the joint's own from the left.
 
-    data: MjData with the kinematics. joint: number of the joint, whose attitude counts from a frame
-    of its own.
+    data: MjData with the kinematics.
+    joint: number of the ball joint.
+    turn: quaternion w x y z, (4,), in the world.
+    The body's attitude in the world is f q, with the frame f and the joint's own q. Turned by t it
+    is t f q = f (f* t f) q: the result is f* t f.
     """
     mujoco = backend()
     address = int(model.jnt_qposadr[joint])
-    back = np.zeros(4)
-    mujoco.mju_negQuat(back, data.qpos[address : address + 4])
+    attitude = data.xquat[int(model.jnt_bodyid[joint])]
+    conjugate = np.zeros(4)
+    # f = (f q) q*.
     frame = np.zeros(4)
-    mujoco.mju_mulQuat(frame, data.xquat[int(model.jnt_bodyid[joint])], back)
-    half = np.zeros(4)
-    mujoco.mju_mulQuat(half, turn, frame)
-    mujoco.mju_negQuat(back, frame)
-    counted = np.zeros(4)
-    mujoco.mju_mulQuat(counted, back, half)
-    return counted
+    mujoco.mju_negQuat(conjugate, data.qpos[address : address + 4])
+    mujoco.mju_mulQuat(frame, attitude, conjugate)
+    turned_frame = np.zeros(4)
+    mujoco.mju_mulQuat(turned_frame, turn, frame)
+    in_frame = np.zeros(4)
+    mujoco.mju_negQuat(conjugate, frame)
+    mujoco.mju_mulQuat(in_frame, conjugate, turned_frame)
+    return in_frame
 
 
 def base_of(model: Any, start: Any, root: int) -> Base:

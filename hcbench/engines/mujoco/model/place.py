@@ -26,7 +26,7 @@ from hcbench.engines.mujoco.model.find_pair import (
 from hcbench.engines.mujoco.model.pair import BOTH_SIDES, ContactPair, Nearest, PairContact
 from hcbench.engines.mujoco.model.start_pose import (
     MOVED,
-    beyond_limit,
+    joint_at_limit,
     require_joints_within_limits,
 )
 from hcbench.engines.mujoco.model.touch_search import TouchSearch, swing, swing_to_touch
@@ -200,9 +200,7 @@ def _is_strained(placed: PairAtTouch) -> bool:
     at_touch.qpos[:] = placed.qpos
     joints = set(model.dof_jntid[list(placed.joint.dofs)].tolist())
     for joint in joints:
-        # How far the joint is beyond its range, and how far is let pass: rad, or m of a slide.
-        beyond, allowed, _ = beyond_limit(model, at_touch, joint)
-        if model.jnt_limited[joint] and beyond > allowed:
+        if model.jnt_limited[joint] and joint_at_limit(model, at_touch, joint).is_far_beyond:
             return True
     return False
 

@@ -701,6 +701,12 @@ class CompiledSimulation(Flights[CompiledFlight]):
     def __init__(
         self, opened: OpenedModel, flights: Sequence[CompiledFlight], after: int | None
     ) -> None:
+        """Take up launches, each left at its start.
+
+        opened: the model under test.
+        flights: one or more, in one workspace.
+        after: steps to take once the two have parted; None: all that are asked for.
+        """
         super().__init__(flights)
         self._opened = opened
         self._data = flights[0].data

@@ -104,8 +104,8 @@ class SpeedShares:
         constraints = [constraint, 0.0, 0.0, 0.0, 0.0]
         if others or data.ne or data.nf or data.nl:
             constraints = self._by_constraint(data, moved)
-        # MuJoCo counts adhesion among the passive forces. The bias is on the other side of the equation
-        # of motion.
+        # In the order of NAMES. MuJoCo counts adhesion among the passive forces, and has the bias,
+        # which is weight and motion of the links, on the other side of the equation of motion.
         parts = [*constraints, actuators, passive - adhesion, adhesion, -bias]
         self.keep([step], np.array([parts]))
 

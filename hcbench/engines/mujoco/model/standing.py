@@ -9,7 +9,7 @@ import itertools
 import math
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -164,7 +164,7 @@ def laid_down(opened: OpenedModel) -> tuple[Rest | None, Any]:
     data.time = 0.0
     with captured_warnings():
         backend().mj_forward(opened.model, data)
-        if not _touches(opened, data):
+        if not _has_contact(opened, data):
             if not place.gravity > 0.0:
                 return None, data
             data.qpos[:] = place.qpos
@@ -176,8 +176,10 @@ def laid_down(opened: OpenedModel) -> tuple[Rest | None, Any]:
         return None, data
 
 
-def _touches(opened: OpenedModel, data: Any) -> bool:
-    """Say whether `data` has a contact of the pair, by the sides of its geoms."""
+def _has_contact(opened: OpenedModel, data: Any) -> bool:
+    """Say whether MuJoCo has a contact of the pair in `data`, an MjData after collision detection;
+    within the margins of its geoms it has one of two that do not touch yet.
+    """
     return bool((opened.place.pair.sides[data.contact.geom].sum(axis=1) == BOTH_SIDES).any())
 
 
@@ -278,10 +280,19 @@ def _followed(
     return position, force, depth
 
 
-def force_and_depth(opened: OpenedModel, data: Any, sides: Sequence[int]) -> tuple[float, float]:
-    """Force of the pair's contact, N, and penetration at its deepest point, m; 0 without one.
+class ForceAndDepth(NamedTuple):
+    """Contact of a pair in one state: force along its normal, N, and depth of its deepest point, m,
+    counted from where the force begins. Both are 0 without a contact.
+    """
 
-    data: MjData.
+    force: float
+    depth: float
+
+
+def force_and_depth(opened: OpenedModel, data: Any, sides: Sequence[int]) -> ForceAndDepth:
+    """Read the contact of the pair in a state.
+
+    data: MjData of the state, with its contacts and forces.
     sides: of each geom, as a list: 1 for the first part's, 2 for the second's, else 0; with one 0
     more at the end, which a flex takes, as its geom is -1.
     The penetration counts from where the force begins. Of a few contacts NumPy would take ten times
@@ -292,7 +303,7 @@ def force_and_depth(opened: OpenedModel, data: Any, sides: Sequence[int]) -> tup
         i for i, (a, b) in enumerate(contacts.geom.tolist()) if sides[a] + sides[b] == BOTH_SIDES
     ]
     if not of_pair:
-        return 0.0, 0.0
+        return ForceAndDepth(0.0, 0.0)
     distances = contacts.dist.tolist()
     # In the contact's frame, the normal first.
     wrench = np.zeros(6)
@@ -300,7 +311,8 @@ def force_and_depth(opened: OpenedModel, data: Any, sides: Sequence[int]) -> tup
     for i in of_pair:
         backend().mj_contactForce(opened.model, data, i, wrench)
         force += float(wrench[0])
-    return force, opened.place.contact.onset - min(distances[i] for i in of_pair)
+    nearest = min(distances[i] for i in of_pair)
+    return ForceAndDepth(force, opened.place.contact.onset - nearest)
 
 
 def _is_grasp(one: OpenedModel, other: OpenedModel) -> bool:
@@ -394,8 +406,7 @@ def _hop(opened: OpenedModel) -> float:
 
 def _force(opened: OpenedModel, data: Any) -> float:
     """Force of the pair's contact, N."""
-    force, _ = force_and_depth(opened, data, opened.place.pair.sides.tolist())
-    return force
+    return force_and_depth(opened, data, opened.place.pair.sides.tolist()).force
 
 
 def _cost(opened: OpenedModel, data: Any) -> tuple[float, float]:

@@ -53,7 +53,7 @@ class VariedPair(VariedContact):
         Raises SceneError for a model that does not compile, UserError where it cannot be written or
         the pair cannot be measured.
         """
-        own = load(source, request)[0]
+        own = load(source, request).model
         self._label = label_of(source)
         # The distance from which the contact acts is that of the model as it is.
         onset = MujocoModel(own, self._label, None, request).place.contact.onset

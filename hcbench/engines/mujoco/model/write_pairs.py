@@ -534,7 +534,15 @@ def written(
     if impratio > 0.0:
         what_for = "friction neither throws up what slides nor slips"
         option += elliptic_option(spec, impratio, what_for, notes)
-    return Written(spec, contact_text(option, lines), notes, names, own, step, gravity)
+    return Written(
+        spec=spec,
+        lines=contact_text(option, lines),
+        notes=notes,
+        names=names,
+        own=own,
+        step=step,
+        gravity=gravity,
+    )
 
 
 def colliding_geoms(model: Any, pairs: Sequence[ContactPair]) -> list[tuple[int, int]]:

@@ -9,7 +9,7 @@ import math
 from dataclasses import replace
 from functools import cache, lru_cache, partial
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -318,13 +318,28 @@ def effect_on_others(option: Mapping[str, str], timestep: float, gravity: float)
     before = (("cone", "pyramidal"),)
     after = tuple(sorted(option.items()))
     with captured_warnings():
-        drift, count, e = _untuned_contact(before, timestep, gravity)
-        drift_after, count_after, e_after = _untuned_contact(after, timestep, gravity)
-    change = max(abs(a - b) for a, b in zip(e, e_after, strict=True))
+        own = _untuned_contact(before, timestep, gravity)
+        now = _untuned_contact(after, timestep, gravity)
+    change = max(abs(a - b) for a, b in zip(own.e, now.e, strict=True))
     return (
-        f"Other contacts of the model: drift on 10 degrees {drift:.2g} -> {drift_after:.2g} mm/s, "
-        f"solver iterations {count:.2g} -> {count_after:.2g}, e changes by at most {change:.2g}."
+        "Other contacts of the model: "
+        f"drift on 10 degrees {own.drift:.2g} -> {now.drift:.2g} mm/s, "
+        f"solver iterations {own.iterations:.2g} -> {now.iterations:.2g}, "
+        f"e changes by at most {change:.2g}."
     )
+
+
+class _UntunedContact(NamedTuple):
+    """What a ball does in a contact that is not tuned.
+
+    drift: down a slope, mm/s.
+    iterations: of the solver, in a step there.
+    e: of oblique impacts, one at each of _LAUNCHES phases of a step.
+    """
+
+    drift: float
+    iterations: float
+    e: list[float]
 
 
 # An answer judges several settings of one step: all have MuJoCo's defaults before, most the same
@@ -332,9 +347,8 @@ def effect_on_others(option: Mapping[str, str], timestep: float, gravity: float)
 @lru_cache(maxsize=4)
 def _untuned_contact(
     option: tuple[tuple[str, str], ...], timestep: float, gravity: float
-) -> tuple[float, float, list[float]]:
-    """Simulate a ball in a contact that is not tuned: its drift on a slope, mm/s, the solver's
-    iterations a step there, and e of oblique impacts at _LAUNCHES phases of a step.
+) -> _UntunedContact:
+    """Simulate a ball in a contact that is not tuned: at rest on a slope, then in oblique impacts.
 
     option: attributes of <option>.
     timestep: s.
@@ -361,7 +375,7 @@ def _untuned_contact(
     drift = 1e3 * (float(place[0]) - half) / (_OTHERS_S / 2)
     bouncing = _untuned_ball(attributes, timestep, gravity, "0.02 0.2")
     e = [_untuned_e(bouncing, i / _LAUNCHES) for i in range(_LAUNCHES)]
-    return drift, iterations / steps, e
+    return _UntunedContact(drift, iterations / steps, e)
 
 
 def _untuned_ball(option: Mapping[str, str], timestep: float, gravity: float, solref: str) -> Any:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import copy
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -245,6 +245,19 @@ _BITS = 15
 _MASK = (1 << _BITS) - 1
 
 
+class _Span(NamedTuple):
+    """Where the positions of the balls, or their velocities, are in states.
+
+    start: their first place in a state of the batch.
+    width: numbers of one ball.
+    inner: their first place in a state of one free ball.
+    """
+
+    start: int
+    width: int
+    inner: int
+
+
 @dataclass(frozen=True, slots=True)
 class BatchedModel:
     """A compiled model of `size` balls, each free or on a slide along z.
@@ -328,14 +341,16 @@ class BatchedModel:
     def _widths(self) -> tuple[int, int]:
         return _SLIDING if self.sliding else _FREE
 
-    def _spans(self) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
-        """(place in a state of the batch, numbers a ball, place in the state of one ball) of
-        positions, then of velocities. A state of the batch begins with the time.
-        """
+    def _spans(self) -> tuple[_Span, _Span]:
+        """Spans of the positions and of the velocities. A state of the batch begins with the time."""
         nq, nv = self._widths
         # Of a ball on a slide only the vertical number counts.
         inner = Z if self.sliding else 0
-        return (1, nq, self.at[0] + inner), (1 + nq * self.size, nv, self.at[1] + inner)
+        position, velocity = self.at
+        return (
+            _Span(1, nq, position + inner),
+            _Span(1 + nq * self.size, nv, velocity + inner),
+        )
 
 
 def batch_kind(loaded: SceneModel) -> Kind:

@@ -277,7 +277,8 @@ class LaunchInUserWorld(Simulation):
         while len(rows) < steps and is_finite:
             row = self._step()
             rows.append(row)
-            is_finite = math.isfinite(row[1])
+            _, rate, *_ = row
+            is_finite = math.isfinite(rate)
         # (quantities, 1 launch, steps).
         seen = np.array(rows).T[:, None]
         x, v, f = seen[:3]

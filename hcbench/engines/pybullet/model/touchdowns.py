@@ -278,7 +278,7 @@ def _foot(world: LoadedWorld, links: _Links, events: list[Touchdown]) -> Touchdo
     band = None
     if law is not None:
         band = ANY_SPEED
-        setting = f"plug-in hcbench: {law[1]}"
+        setting = f"plug-in hcbench: {law.command}"
     elif promise is not None:
         band = promise.speeds
         setting = f"{promise.setting} by hcbench: {promise.curve.description}"

@@ -164,7 +164,7 @@ class _Placed(NamedTuple):
     """The pair of a world at touch.
 
     place: where they touch, and what moves them there.
-    law: number of the plug-in's law between the two and the command that added it, or None.
+    law: of the plug-in's between the two; None without one.
     is_put_back_whole: whether one copy of the world can have all launches, one after the other,
     with the same results to the bit as a copy for each.
     promise: of `hcbench tune` for the pair; None without one.
@@ -173,7 +173,7 @@ class _Placed(NamedTuple):
     """
 
     place: BulletPlacement
-    law: tuple[int, str] | None
+    law: plugin.ActiveLaw | None
     is_put_back_whole: bool
     promise: Promise | None
     timestep: float
@@ -271,7 +271,7 @@ class PybulletModel(ModelUnderTest):
         self.gravity = placed.gravity
         self.mass = placed.place.effective_mass
 
-    def _plugin_law(self) -> tuple[int, str] | None:
+    def _plugin_law(self) -> plugin.ActiveLaw | None:
         """Number of the plug-in's law between the two, and the command that added it; None without a
         law.
         """
@@ -329,7 +329,7 @@ class PybulletModel(ModelUnderTest):
         # In the plug-in; None without a law.
         law_number = None
         if self.law is not None:
-            law_number, _ = self.law
+            law_number = self.law.number
             if launch.is_oblique:
                 got = (
                     "oblique, of a pair whose law the plug-in applies: "
@@ -445,9 +445,8 @@ class PybulletModel(ModelUnderTest):
         """
         speeds = self.request.speeds
         if self.law is not None:
-            _, command = self.law
-            curve = plugin.restitution_of(command)
-            words = f"plug-in hcbench: {command}"
+            curve = plugin.restitution_of(self.law.command)
+            words = f"plug-in hcbench: {self.law.command}"
             if curve is None:
                 return (), words
             return tuple(float(curve.at(v)) for v in speeds), words

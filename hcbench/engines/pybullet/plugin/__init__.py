@@ -17,7 +17,7 @@ import functools
 import struct
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -253,11 +253,15 @@ def recorder(bullet: BulletClient) -> Recorder | None:
         return None
 
 
-def find(
-    first: tuple[int, int], second: tuple[int, int], *, client: int = 0
-) -> tuple[int, str] | None:
-    """Number of the plug-in's law between two parts of a client, and the command that added it; None
-    without a law.
+class ActiveLaw(NamedTuple):
+    """A law of the plug-in that acts in a client: its number there, and the command that added it."""
+
+    number: int
+    command: str
+
+
+def find(first: tuple[int, int], second: tuple[int, int], *, client: int = 0) -> ActiveLaw | None:
+    """Find the plug-in's law between two parts of a client; None without one.
 
     first, second: (body, link) each.
     """
@@ -271,7 +275,7 @@ def find(
     # it in the third, with a 0 at its end.
     if isinstance(answer, int):
         return None
-    return int(answer[0]), bytes(answer[2][:-1]).decode()
+    return ActiveLaw(int(answer[0]), bytes(answer[2][:-1]).decode())
 
 
 def restitution_of(command: str) -> RestitutionCurve | None:
