@@ -460,7 +460,8 @@ def changed(
     """Make the function of a recipe, from target to options, out of another recipe's, by changing
     the options that it returns; those that an interrupted search hands out are changed, too.
 
-    recipe: "engine.name" of the other. change: from its options to those to return.
+    recipe: "engine.name" of the other.
+    change: from its options to those to return.
     more: further arguments of its function.
     """
 

@@ -88,16 +88,31 @@ def bounces_in_rows(
     speed = np.repeat(grid, _PHASES)
     phase = np.tile(phases, _SPEEDS)
     drops = _Drops(rows, timestep, gravity)
-    max_e, gains_below, _ = drops.run(drops.touching(speed, phase), is_single=True)
-    impacts = Bounces(max_e, gains_below, still_bouncing=0, tried=speed.size)
+    single = drops.run(drops.touching(speed, phase), is_single=True)
+    impacts = Bounces(single.max_e, single.gains_below, still_bouncing=0, tried=speed.size)
     if gravity == 0.0:
         return impacts
-    max_e, gains_below, rebounds = drops.run(drops.from_rest(np.array(HEIGHTS)), is_single=False)
+    dropped = drops.run(drops.from_rest(np.array(HEIGHTS)), is_single=False)
     bouncing = 0
     # The target's own trains take longer to compute than the drops, and most drops rest.
-    if rebounds.any():
-        bouncing = int((rebounds > allowed_rebounds(train, HEIGHTS, gravity)).sum())
-    return impacts.joined(Bounces(max_e, gains_below, bouncing, len(HEIGHTS)))
+    if dropped.rebounds.any():
+        allowed = allowed_rebounds(train, HEIGHTS, gravity)
+        bouncing = int((dropped.rebounds > allowed).sum())
+    of_drops = Bounces(dropped.max_e, dropped.gains_below, bouncing, tried=len(HEIGHTS))
+    return impacts.joined(of_drops)
+
+
+class _DropBounces(NamedTuple):
+    """Bounces of n drops.
+
+    max_e: the largest e.
+    gains_below: speed of the fastest touch that gained energy, m/s; 0 where none did.
+    rebounds: speed of the bounce under way at the end, m/s, (n,); 0 of a drop that rests.
+    """
+
+    max_e: float
+    gains_below: float
+    rebounds: Floats
 
 
 class _Drops:
@@ -149,13 +164,12 @@ class _Drops:
         fallen = x + steps * h * half + g * h**2 * steps**2 / 2.0
         return fallen, v + g * h * steps, steps * h
 
-    def run(self, states: Floats, is_single: bool) -> tuple[float, float, Floats]:
+    def run(self, states: Floats, is_single: bool) -> _DropBounces:
         """Simulate until each drop has rested, or LASTS (s) are over, and look at its bounces.
 
-        states: (3, n): penetration, rate and speed at the last touch; changed.
+        states: penetration, m, its rate, m/s, and the speed at the last touch, m/s, (3, n);
+        changed.
         is_single: true where each drop ends with its first rebound.
-        Returns the largest e, the fastest touch of those that gain energy, m/s, and of each drop
-        the speed of the bounce under way at the end, 0 for one that rests.
         """
         library = _library()
         if library is None or len(self._rows) > _MOST_ROWS:
@@ -167,16 +181,14 @@ class _Drops:
         arrays = [array.ctypes.data for array in (*states, rebounds, extremes)]
         library.run_drops(ctypes.byref(goal), rows, states.shape[1], *arrays)
         max_e, gains_below = extremes.tolist()
-        return max_e, gains_below, rebounds
+        return _DropBounces(max_e, gains_below, rebounds)
 
-    def _run_by_arrays(self, states: Floats, is_single: bool) -> tuple[float, float, Floats]:
+    def _run_by_arrays(self, states: Floats, is_single: bool) -> _DropBounces:
         """Simulate drops until each has rested, or for LASTS s, without the compiled library: a step of
         all drops after the other.
 
-        states: (3, n): penetration, m, its rate, m/s, and the speed at the last touch, m/s.
+        states: penetration, m, its rate, m/s, and the speed at the last touch, m/s, (3, n).
         is_single: true where each drop ends with its first rebound.
-        Returns the largest e, the fastest touch of those that gain energy, m/s, and of each drop
-        the speed of the bounce under way at the end, m/s, (n,), 0 for one that rests.
         """
         count = states.shape[1]
         max_e = 0.0
@@ -215,7 +227,7 @@ class _Drops:
                 x, v, speed_in, clock, still = states
                 if not states.size:
                     break
-        return max_e, gains_below, rebounds
+        return _DropBounces(max_e, gains_below, rebounds)
 
 
 class _Row(ctypes.Structure):

@@ -146,7 +146,8 @@ def config(law: Law, friction: Friction | None = None, **more: str) -> tuple[str
     """Return the name of a law's plug-in, and the config of its instance, texts by key, but for the
     keys that name the pair.
 
-    friction: of a force law; None: without. more: other keys, unchanged.
+    friction: of a force law; None: without.
+    more: other keys, unchanged.
 
     Raises SettingError for friction with a restitution law, and for what is not a contact law.
     """

@@ -10,7 +10,7 @@ beyond a power of about 1020 (at midpoint 0.5).
 
 import math
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,14 +57,38 @@ def largest_power(midpoint: Floats) -> Floats:
     )
 
 
-def _numbers(parameters: Floats) -> tuple[Floats, ...]:
-    """S, D, d0, dw, midpoint, power of parameters of shape (population, 6); each (population, 1).
+class _Numbers(NamedTuple):
+    """Numbers of MuJoCo's rows, one a member of the search, (population, 1) each; lengths in widths
+    of the impedance, speeds in the band's highest one, per unit mass.
 
-    parameters: log10 S and D, log10 d0 and 1 - dw, midpoint, log10 of the power over the largest.
+    S, D: stiffness and damping of solref "-S -D".
+    d0, dw: impedances of solimp at touch and at its width.
+    midpoint, power: of the sigmoid between the two.
+    """
+
+    S: Floats
+    D: Floats
+    d0: Floats
+    dw: Floats
+    midpoint: Floats
+    power: Floats
+
+
+def _numbers(parameters: Floats) -> _Numbers:
+    """The rows that points of the search stand for.
+
+    parameters: (population, 6), in the order of _LOWEST: log10 of S, D, d0 and 1 - dw; midpoint;
+    log10 of the power over the largest that MuJoCo can compute.
     """
     log_s, log_d, log_d0, log_gap, midpoint, log_share = parameters.T[..., None]
-    power = np.maximum(1.0, largest_power(midpoint) * 10.0**log_share)
-    return 10.0**log_s, 10.0**log_d, 10.0**log_d0, 1.0 - 10.0**log_gap, midpoint, power
+    return _Numbers(
+        S=10.0**log_s,
+        D=10.0**log_d,
+        d0=10.0**log_d0,
+        dw=1.0 - 10.0**log_gap,
+        midpoint=midpoint,
+        power=np.maximum(1.0, largest_power(midpoint) * 10.0**log_share),
+    )
 
 
 def _work_and_damping(parameters: Floats) -> tuple[Floats, Floats]:

@@ -50,9 +50,6 @@ _PLACE, _BASE_Q, _BASE_V = 3, 7, 6
 # A quaternion shorter than this is none.
 _LEAST_QUATERNION = 1e-6
 
-# Two links that meet: numbers of body and link, of the one that moves first.
-_Links = tuple[int, int, int, int]
-
 
 @dataclass(frozen=True, slots=True)
 class _Moving:
@@ -93,8 +90,21 @@ class _Moving:
             bullet.resetJointState(self.body, joint, position, velocity)
 
 
+class _Links(NamedTuple):
+    """Two links that meet, the moving one first: (PyBullet's id of the body, number of the link)
+    of each; the base is link -1.
+    """
+
+    moving: tuple[int, int]
+    other: tuple[int, int]
+
+
 class _TouchingLinks(NamedTuple):
-    """A contact of two links: point, m, and unit normal on the first one, (3,) each."""
+    """A contact of two links in the world's frame.
+
+    point: on the moving one, m, (3,).
+    normal: unit vector, (3,), on the other one, towards the moving one.
+    """
 
     links: _Links
     point: Floats
@@ -244,7 +254,7 @@ def _contacts(
             one, two = contact[LINK_A], contact[LINK_B]
             is_asked = first.link in (ANY_LINK, one) and second.link in (ANY_LINK, two)
             if is_asked and contact[DISTANCE] <= _TOUCHING:
-                links = (first.body, one, second.body, two)
+                links = _Links((first.body, one), (second.body, two))
                 yield _TouchingLinks(links, np.array(contact[POINT_A]), np.array(contact[NORMAL]))
 
 
@@ -256,7 +266,7 @@ def _closing_speeds(bullet: BulletClient, contact: _TouchingLinks) -> tuple[floa
     """Speeds of two links at the point of their contact in the world's present state, m/s: at which
     they close in, and at which they slide on each other.
     """
-    body, link, other, other_link = contact.links
+    (body, link), (other, other_link) = contact.links
     point = contact.point.tolist()
     velocity = np.array(BulletBody(bullet, body).velocity_at(link, point))
     velocity -= BulletBody(bullet, other).velocity_at(other_link, point)
@@ -266,15 +276,16 @@ def _closing_speeds(bullet: BulletClient, contact: _TouchingLinks) -> tuple[floa
 
 
 def _foot(world: LoadedWorld, links: _Links, events: list[Touchdown]) -> Touchdowns:
-    """Touchdowns of two links with the setting that makes them bounce, and the band of speeds, m/s,
-    in which it holds.
+    """Describe the touchdowns of two links: their names, times, s, speeds, m/s, the setting that
+    makes them bounce, and the band of speeds, m/s, in which it holds, None where that is unknown.
 
+    links: in the world.
     events: their touchdowns, one or more, in the order of time.
     """
     bullet = world.bullet
-    sides = (BodyPart("", *links[:2]), BodyPart("", *links[2:]))
+    sides = (BodyPart("", *links.moving), BodyPart("", *links.other))
     promise = promise_in(bullet, sides)
-    law = None if world.files else plugin.find(links[:2], links[2:], client=bullet.client)
+    law = None if world.files else plugin.find(links.moving, links.other, client=bullet.client)
     band = None
     if law is not None:
         band = ANY_SPEED
@@ -284,8 +295,9 @@ def _foot(world: LoadedWorld, links: _Links, events: list[Touchdown]) -> Touchdo
         setting = f"{promise.setting} by hcbench: {promise.curve.description}"
     else:
         values = [bullet.getDynamicsInfo(side.body, side.link)[RESTITUTION] for side in sides]
-        setting = f"restitution {values[0]:g} x {values[1]:g}"
+        first, second = values
+        setting = f"restitution {first:g} x {second:g}"
     time, speed, slide = np.array(events).T
-    part = world.name_of(sides[0].body, sides[0].link)
-    other = world.name_of(sides[1].body, sides[1].link)
+    part = world.name_of(*links.moving)
+    other = world.name_of(*links.other)
     return Touchdowns(part, other, time, speed, slide, band, setting)
