@@ -310,6 +310,8 @@ class TunesModels(OpensModels):
     ) -> DropTest:
         """Drop the robot of which the pairs are feet, and judge how it lands.
 
+        source: the user's model: a path, several paths, text or an object.
+        requests: of the pairs, each of a foot and the floor; the first has the pose.
         like: a test whose length this one takes, to be compared with it; None for a length that
         lets the robot come to rest.
         until_worse: one drop is enough where something is worse in it than in all of `like`.
@@ -324,6 +326,8 @@ class TunesModels(OpensModels):
         """Settings of a robot's feet with which its centre of mass rebounds by so much, m, from the
         highest drop; each is found when it is asked for.
 
+        source: the user's model: a path, several paths, text or an object.
+        requests: of the pairs, each of a foot and the floor; the first has the pose.
         before: the landing of the model as it is.
         Raises UserError where the pairs are not of a robot that can fall, and for an engine that
         judges no landings.
@@ -345,6 +349,7 @@ class LandsRobots(OpensModels):
         """Drop the robot of a model, in the pose of the request: a landing for each height at each
         tilt of the plan.
 
+        drops: heights, tilts and controller.
         source: a path, several paths, text or an object.
         rebuild: makes `source` again, or None.
         Raises UserError where nothing can fall, or nothing is there to land on.

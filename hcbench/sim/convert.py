@@ -121,6 +121,7 @@ def _of_material(
     """Numbers of a material to convert: (α, s/m, None, speed), or (None, e at the speed, speed) of
     a material without an α; the speed is in m/s, None if unknown and not needed.
 
+    known: the material, with what its source states.
     speed: as the user gave it, or None: then e is taken at a speed of the source, the middle one.
     Warns of a speed outside the material's range.
     Raises QuantityError for text that is not a speed, UserError for a material without an α where

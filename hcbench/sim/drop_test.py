@@ -152,6 +152,7 @@ class DroppedRobot:
         """The end of a drop: how the robot came to rest after the touch, and lies in the last
         TAIL_S seconds.
 
+        motion: of the robot in each step, from release on.
         touch: index of the first step in which the floor pushes. flights: (first step, step after
         the last) of each flight after the touch. All is NaN for a drop that does not last longer
         than LATE_S + TAIL_S.

@@ -172,6 +172,7 @@ def _without_extra(marker: str, extra: str) -> tuple[str, bool]:
 def _try(made: Environment) -> None:
     """Let a ball bounce in a new environment in every recipe.
 
+    made: the environment, with the engine installed in it.
     Raises CannotRun where that fails, whatever the reason.
     """
     there = interpreter(made)

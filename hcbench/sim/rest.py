@@ -389,6 +389,7 @@ def push_of(friction: float, load: float) -> float:
 def creep_of(drift: float, spin: float, lever: float) -> float:
     """Creep of a body that drifts down a slope, m/s; NaN where it rolls.
 
+    drift: speed of its centre along the slope, m/s.
     spin: mean angular speed, rad/s.
     lever: from its contact point to its centre, m.
     """

@@ -428,7 +428,11 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
     def with_boxes(
         self, scene: Scene, setting: Setting, passivity: Passivity, whole: bool = False
     ) -> Passivity:
-        """Try boxes and a capsule in `model_engine`; none with a law."""
+        """Try boxes and a capsule in `model_engine`; none with a law.
+
+        passivity: what `passivity` found.
+        whole: go on after the first body that fails.
+        """
         if self.law(setting) is not None:
             return passivity
         other = registry.engine(self.model_engine)

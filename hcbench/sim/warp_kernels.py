@@ -164,6 +164,9 @@ def remember(
     """Keep the places and normal forces, N, of the last step's contacts, linked by world. A thread
     for each contact.
 
+    found: the contacts.
+    laws: of the pairs.
+    room: written to.
     is_pyramidal: whether the friction cone is a pyramid.
     rows: number of each world's constraint rows, (worlds,).
     force: of each of these rows, N, (worlds, rows).
@@ -193,7 +196,12 @@ def remember(
 
 @wp.kernel
 def enlist(found: Found, laws: LawsThere, room: Room) -> None:
-    """Put the contacts that touch and have a law into the lists of their worlds."""
+    """Put the contacts that touch and have a law into the lists of their worlds.
+
+    found: the contacts.
+    laws: of the pairs.
+    room: written to.
+    """
     i = wp.tid()
     if i >= found.count[0]:
         return
@@ -242,6 +250,8 @@ def factor(inertia: Inertia, M: wp.array2d[float], room: Room) -> None:
     M: entries of each world's inertia matrix, row after row, (worlds, nC).
     A row's columns are the ancestors of its degree of freedom, its diagonal last, as in
     Featherstone 2008, table 6.3.
+    inertia: where the rows of the matrix are.
+    room: its `first` and `following` are sorted, `factor` is written.
     """
     world = wp.tid()
     if room.first[world] < 0:
@@ -308,6 +318,7 @@ def _force_before(found: Found, room: Room, contact: int) -> float:
 def _restitution(laws: LawsThere, reading: int, value: float, speed: float) -> float:
     """Coefficient of restitution, 0 to 1, of a pair at an impact speed, m/s.
 
+    laws: has the table of the law's e.
     reading: what `value` is: _CONSTANT for e itself, _LINEAR for α (s/m) of e = 1 - α v, else α of
     the law, whose e is read from a table over α v, in even steps of its logarithm.
     """
@@ -364,6 +375,7 @@ def _weight(
     """Acceleration, m/s², by which gravity alone presses one of two bodies against the other: the
     larger of both, 0 or more.
 
+    body1, body2: numbers of the two bodies.
     normal: from the first body to the second, unit vector.
     gravity: m/s².
     body_weldid: 0 for bodies that are fixed to the world, whose weight presses nothing.
@@ -396,6 +408,8 @@ def span(
     subtree_com: m, (worlds, bodies).
     cdof: motion of each velocity about the centre of mass of its tree, angular then linear,
     (worlds, nv).
+    found: the contacts.
+    room: written to.
     """
     i, v = wp.tid()
     if i >= found.count[0]:
@@ -435,6 +449,7 @@ def aim(
     """Find how each contact moves, what loads it, and the rate at which it shall part: its `rate`,
     `own`, `target`, `calm` and `load` in `room`. A thread for each contact.
 
+    found, laws, inertia: of the engine's contacts, the pairs and the matrix of inertia.
     values: α (s/m) or e of each pair, (worlds or 1, pairs). timesteps, s, and gravities, m/s²: of
     each world, or one for all.
     qvel: velocities, (worlds, nv).
@@ -622,6 +637,8 @@ def settle(
     The spring is that of the model, with the damping that makes it critical at least. It gives
     depth back no faster than what counts as rest, but bears its load.
 
+    found: the contacts; changed.
+    room: rates and loads of the contacts.
     solimp: impedance of each contact, the first number at no depth.
     timesteps: s, of each world or one for all.
     qvel: velocities after the impulses, (worlds, nv).

@@ -187,6 +187,7 @@ class LoadedPlant:
     def nearest(self, context: Any, first: Part, second: Part) -> Gap:
         """Find the nearest points of two parts, over all their shapes.
 
+        first, second: the two parts; the normal leads from the first to the second.
         context: the plant's. Raises UserError if Drake filters their contact or does not know the
         distance of two shapes.
         """

@@ -148,6 +148,7 @@ def _collide(laws: Laws, model: Any, before: Any, data: Any, values: Any) -> Any
     """Let contacts collide: data with the velocities after it, and with contacts whose rows only
     let them rest.
 
+    laws: of all pairs.
     model: MJX's.
     before: the data with the forces of the step before.
     data: that with the positions and contacts of this one.
@@ -269,6 +270,8 @@ def _targets(
     """(rates at which contacts part at least, the half step's push by which they are shifted), m/s,
     (n,) each.
 
+    laws: of all pairs.
+    touch: the contacts, n of them.
     values: α or e of each law.
     approach: v, m/s.
     presses: b, m/s².
@@ -305,6 +308,7 @@ def _impulses(touch: _Touch, rates: Any, target: Any) -> Any:
     """Impulses along the rows, N s, (n, 3): no contact parts slower than its target, those that part
     faster have none, and friction stays within Coulomb's. They never add energy.
 
+    touch: the contacts, n of them.
     rates: before them, m/s, (n, 3).
     target: m/s, (n,).
     """
@@ -371,6 +375,7 @@ def _resting(contact: Any, touch: _Touch, parts: Any, load: Any, timestep: Any) 
     """Contacts for MJX's own rows: those of a law that part have none, and those that rest do not
     bounce by their spring.
 
+    touch: the contacts, n of them, as the laws see them.
     contact: MJX's.
     parts: which of them part, (n,).
     load: of each, m/s².

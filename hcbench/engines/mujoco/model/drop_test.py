@@ -165,6 +165,7 @@ class ModelDropBench(DropBench):
     def test(self, seconds: float, drops: Sequence[RobotDrop]) -> DropTest:
         """Drop the robot with the contacts that `model` has now, and join what each drop shows.
 
+        drops: those to make, of DROPS.
         seconds: to simulate of each drop.
         A drop that diverges makes the whole test a diverged one.
         Raises EngineFailed for a fatal error of MuJoCo's.

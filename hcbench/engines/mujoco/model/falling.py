@@ -239,6 +239,7 @@ def _require_fall(model: Any, start: Any, base: Base, up: Floats) -> None:
     """Raise UserError for a tree that does not fall where nothing is below it: a constraint ties it
     to something else, or servos, springs or gravity compensation hold it.
 
+    base: how the tree rises.
     start: MjData of the pose, which stays as it is.
     up: unit vector, (3,).
     """

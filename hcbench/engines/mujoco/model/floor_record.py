@@ -154,6 +154,8 @@ class FloorRecord:
     def _read_in_c(self, data: Any) -> int:
         """Read a step by launch.c: the number of its points, which may be more than there is room for,
         or -1 for a state that was reset.
+
+        data: MjData after the step.
         """
         assert self._in_c is not None, "asked for only with a library"
         begin = self._ends[-1]

@@ -219,6 +219,7 @@ class PairReader:
     ) -> None:
         """Begin with the contact at touch; until a step has one, its point and normal hold.
 
+        place: the pair at touch.
         data: MjData of the first state, with its kinematics.
         along: reader of the motion along the plate; None for a normal launch.
         """

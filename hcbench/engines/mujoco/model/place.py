@@ -446,6 +446,7 @@ def _slide(row: Floats, joint: MovingJoint) -> Floats | None:
     """Smallest velocity of the degrees of freedom of a mover with which the two approach at 1 m/s,
     (nv,); None where the mover hardly changes the approach rate.
 
+    joint: the mover.
     row: Jacobian of the approach rate, (nv,).
     """
     along = row[list(joint.dofs)]

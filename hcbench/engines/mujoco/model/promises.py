@@ -280,6 +280,7 @@ def _corners(promise: Promise, points: int) -> Iterator[Suspect]:
     """Suspect that the two meet at another number of points at once than the pair was tuned for:
     with more it gains energy, with fewer e is another. At most one suspect.
 
+    promise: what hcbench wrote.
     points: at which they meet; 0 where that is not known.
     """
     if not promise.corners or points in (0, promise.corners):

@@ -543,6 +543,7 @@ def follow_in_c(
     """Step a model with one free body n times in C, and record the motion; return False, having done
     nothing, without the library.
 
+    data: MjData; moved on.
     contacts, speeds, heights: filled, for each of n states: the number of contacts in the step that
     led to it, (n,), qvel, (n, 6), and the height after the step from it, m, (n,).
     Raises EngineFailed for a fatal error of MuJoCo's.
@@ -582,6 +583,8 @@ def _is_plain(opened: OpenedModel, launches: Sequence[Launch], space: LaunchWork
 
     It has no RK4, no plug-in of hcbench's that sets e, no motion along the plate and no distance to
     height fields. A callback in Python would need the interpreter in each step.
+    launches: all that are to be stepped.
+    space: their memory, which has parts for what they need.
     """
     mujoco = backend()
     return (

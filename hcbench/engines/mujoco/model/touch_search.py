@@ -151,6 +151,7 @@ def _push_on(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Float
     """Acceleration, (k,), of k degrees of freedom by a unit push, with the
     others of their tree at rest.
 
+    data: MjData with its mass matrix.
     dofs: their numbers, in the order of the result.
     row: (nv,), Jacobian of the approach rate.
     """

@@ -99,6 +99,7 @@ class Load:
     def at_touch(cls, place: PairAtTouch, timestep: float, rk4: bool, slides: bool) -> Load:
         """Read the load on the contact of a pair that just touches.
 
+        place: the pair at touch.
         timestep: s.
         rk4: the integrator is RK4.
         slides: the contact has friction.
@@ -691,6 +692,7 @@ def _write_rows(
 ) -> list[str]:
     """Set or add the <pair>s of two geoms in a spec, one for each row, the first with friction.
 
+    rows: of the contact, one <pair> each.
     spec: changed; of <pair>s that it has for the two, the first is used and the others go.
     model: compiled, as it was before.
     geoms, names: of the two, in one order.

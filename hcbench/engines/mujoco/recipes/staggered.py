@@ -356,6 +356,7 @@ def _rows(band: Band, fit: _Fit) -> list[ConstraintRow]:
 
     A spring only acts once it asks for as much as the others give: so it starts that much before
     its knot.
+    band: the law, and the impact speeds that it is matched at.
     """
     rows = []
     for knot, S in zip(fit.knots, fit.stiffness, strict=True):

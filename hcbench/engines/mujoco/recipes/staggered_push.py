@@ -99,6 +99,7 @@ def sample(band: Band, speeds: Floats, points: int) -> Samples:
     """Samples of the law along its loops of force over penetration, one loop for each impact speed:
     first its way in, then its way out.
 
+    band: the law and the mass.
     speeds: m/s. points: of each way; evenly in the angle of a sine, so dense where the body turns
     round.
     """
@@ -237,6 +238,7 @@ def _damping_on_the_way_in(band: Band, terms: _Terms, force: Floats, widths: Flo
     """Damping D of each damper, 1/s, (dampers,), with which they are together nearest to the law's
     damping, a f(x) v.
 
+    band: the law, the mass and the depths to match.
     terms: of the dampers at n penetrations and a rate of 1 m/s.
     force: elastic force f of the law there, per unit mass, m/s², (n,).
     widths: of the dampers' impedances, m, (dampers,).
@@ -259,6 +261,7 @@ def _springs_of_dampers(
     """Stiffness S of each damper row, 1/s², (dampers,): with it the row's own spring outweighs its
     damping on the way out of the fastest impact, at depths beyond `guess.from_depth` of its width.
 
+    band: the law, the mass and the depths to match.
     solimps: of the dampers.
     damping: D of each, 1/s, (dampers,).
     """

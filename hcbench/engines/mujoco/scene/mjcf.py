@@ -367,6 +367,7 @@ def add_pairs(
 ) -> list[ET.Element]:
     """Add each row to an MJCF as a <pair> of the ball's geom with each of the geoms named `others`.
 
+    rows: one <pair> with each of the others.
     ball: the geom.
     Returns the <pair>s, those of the first row first.
     """
@@ -467,6 +468,7 @@ def _write_limits(
     """Write each row into the MJCF of a cup as the limit of a tendon between the two centres: the
     first into the scene's tendon `contact`, the others into copies of it.
 
+    rows: of the setting, one limit each.
     root: changed.
     path: of the model, for errors.
 

@@ -353,6 +353,7 @@ class ContactRow:
         """Relative acceleration along this row by the unit force of another, 1/kg.
 
         J M^-1 J'^T, over the bodies that the two rows share: 0 if they share none.
+        other: responses of two bodies, which may be others, to the other force.
         """
         total = 0.0
         for i, own_body in enumerate(self.bodies):

@@ -465,6 +465,7 @@ def restitution_setting(
     springless: for each of the two parts the keywords that take away its spring and damper, {} for
     none.
     still: speed below which nothing is to bounce, m/s.
+    place: the pair at touch.
     """
     first, second = ({"restitution": 1.0, **keywords} for keywords in springless)
     first["restitution"] = e

@@ -224,6 +224,7 @@ def _drop(
 ) -> Seen:
     """Drop the robot once, in a world that may be changed, and read how it lands.
 
+    drop: height, tilt and phase.
     over_floor: the robot in its pose.
     drive: called before each step.
     seconds: to simulate.

@@ -67,6 +67,7 @@ _ORIGIN = (0.0, 0.0, 0.0)
 def nearest(bullet: BulletClient, first: BodyPart, second: BodyPart) -> Any:
     """PyBullet's closest point of two parts, a tuple as getClosestPoints returns it.
 
+    first, second: the two, each a link of a body or all of it.
     Raises UserError where one has no collision geometry.
     """
     points = bullet.getClosestPoints(first.body, second.body, REACH, first.link, second.link)
@@ -259,6 +260,7 @@ def _free_base(
 ) -> FreeBase:
     """The mover that carries a body with a free base to another, as `FreeBase`.
 
+    moving, other: the two parts, that which moves first.
     way: unit vector, (3,), of its motion, on which it starts clear of the other; None: the nearest
     way from where it stands.
     """
@@ -274,6 +276,7 @@ def _free_base(
 def _chosen(bullet: BulletClient, first: BodyPart, second: BodyPart, move: str) -> BulletPlacement:
     """Bring two parts to touch by joints that the user chose.
 
+    first, second: the two parts, in either order.
     move: "joint:NAME": that joint alone moves; "body:NAME": the joint of that link, and those
     between it and the link that touches.
 
@@ -327,6 +330,7 @@ def _clear_start(
     The boxes around the two decide. Where they would pass by each other, the body is also moved
     across the way, until their centres are in line.
 
+    moving, other: the two parts, that which moves first.
     direction: unit vector, (3,), towards the other.
     position: of the base now, m, (3,).
     """
@@ -369,6 +373,7 @@ def swing_to_touch(
     Returns the mover that swings it there, and leaves the world at touch; None where the joints do
     not lead there, and for a robot with spherical or planar joints.
 
+    moving, other: the two parts, that which moves first.
     chosen: numbers of the joints that may move; None: all.
     Raises UserError where one of the two has no collision geometry.
     """
@@ -481,6 +486,8 @@ def _touch(
 ) -> BulletPlacement:
     """Move a part by its mover until the two just touch, and return where that is.
 
+    moving, other: the two parts, that which moves first.
+    mover: of the first.
     note: how the mover was chosen, "" where it was not a choice.
     With a note, the bodies' files all stand at the origin: that they overlap there says nothing,
     and the result has an overlap of 0.
@@ -540,6 +547,7 @@ def _effective_mass(
     """Effective mass of two links along a contact's normal, 1 / (J M^-1 J^T), kg, in the world's
     present pose; NaN where neither can move, or the axis of a joint is unknown.
 
+    first, second: the two links.
     point: of the contact, m, (3,).
     normal: unit vector, (3,).
     """

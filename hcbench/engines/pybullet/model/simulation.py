@@ -83,6 +83,8 @@ class BulletAlongPlate:
     ) -> None:
         """Find the axes of the plate; `send` then starts the motion.
 
+        place: where the pair touches, and what moves the first part.
+        launch: with slip or spin.
         along: direction of the plate's first axis, in the world; None: x, or y where that is normal
         to the plate.
         clearance: from which the body starts, m.

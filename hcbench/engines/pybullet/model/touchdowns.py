@@ -239,6 +239,7 @@ def _contacts(
 ) -> Iterator[_TouchingLinks]:
     """Contacts of a pair in the present state of the world.
 
+    recording: has the bodies that move, and their client.
     pair: the two that count; None: each link that moves, with each body that does not.
     """
     bullet = recording.bullet

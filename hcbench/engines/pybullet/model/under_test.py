@@ -262,7 +262,10 @@ class PybulletModel(ModelUnderTest):
         )
 
     def _take(self, placed: _Placed) -> None:
-        """Keep the pair at touch as attributes of the model."""
+        """Keep the pair at touch as attributes of the model.
+
+        placed: what holds for the pair, as `_placed` read it.
+        """
         self.place = placed.place
         self.law = placed.law
         self._is_put_back_whole = placed.is_put_back_whole
