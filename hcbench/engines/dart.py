@@ -62,7 +62,8 @@ class DartEngine(DescribesContact, ScriptedEngine[DartOptions]):
     def lines(self, options: DartOptions, scene: Scene) -> str:
         """Lines of Python that build a world of plate and ball for a setting, and define its step.
 
-        options: the setting's. scene: not used: its numbers are names that the lines find.
+        options: the setting's.
+        scene: not used: its numbers are names that the lines find.
         """
         # Without a collision aspect nothing but the law's force acts on the ball.
         shapes = "ball_shape.createDynamicsAspect()"
@@ -78,15 +79,27 @@ class DartEngine(DescribesContact, ScriptedEngine[DartOptions]):
         return "\n".join(filter(None, (length, _set(options), _hook(options))))
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
-        """DART's restitution for an e, with what constraint force mixing of 1e-5 takes added."""
+        """DART's restitution for an e, with what constraint force mixing takes of it added; caveats
+        alone for a contact without an e.
+        """
         e = contact.restitution
         if e is None:
             return Vocabulary(caveats=_CAVEATS)
         note = f"{contact.at}; setRestitutionCoeff on one shape, 1 on the other"
-        value = min(1.0, (1.0 + e) * (1.0 + 1e-5) - 1.0)
-        return Vocabulary(
-            (SystemValue("DART", "restitution", (value,), "", note),), caveats=_CAVEATS
-        )
+        value = SystemValue("DART", "restitution", (_coefficient(e),), "", note)
+        return Vocabulary((value,), caveats=_CAVEATS)
+
+
+# Constraint force mixing is built in: two shapes whose coefficients multiply to p bounce with
+# (1 + p)/(1 + 1e-5) - 1.
+_MIXING = 1e-5
+
+
+def _coefficient(e: float) -> float:
+    """The restitution to set of one shape so that it bounces with e on another, which has 1; 1 at
+    most, as DART takes no more.
+    """
+    return min(1.0, (1.0 + e) * (1.0 + _MIXING) - 1.0)
 
 
 def _set(options: DartOptions) -> str:
@@ -152,8 +165,6 @@ def step():
     return state()"""
 
 
-# Constraint force mixing is built in: a shape's e gives (1 + e)/(1 + 1e-5) - 1.
-_MIXING = 1e-5
 # In units of length a second: no bounce below the first in e v, none faster than the second.
 _THRESHOLD = 0.1
 _CAP = 100.0
@@ -164,7 +175,8 @@ def units_per_metre(target: Target, e: float) -> float:
 
     e: of the target. The unit is the smallest whose cap is at least half again the band's highest
     speed: DART bounces nothing slower than _THRESHOLD units a second (in e v), and nothing faster
-    than _CAP. Raises SettingError for a band too wide to lie between the two, and for e = 0.
+    than _CAP.
+    Raises SettingError for a band too wide to lie between the two, and for e = 0.
     """
     units = 10.0 ** math.floor(math.log10(_CAP / (1.5 * target.speed_max)))
     if e * target.speed_min * units <= _THRESHOLD:
@@ -180,7 +192,7 @@ def restitution(target: Target) -> dict[str, Any]:
     """The best constant e, in a unit of length that keeps the band between threshold and cap."""
     e, _ = minimax_constant(target)
     return {
-        "restitution": min(1.0, (1.0 + e) * (1.0 + _MIXING) - 1.0),
+        "restitution": _coefficient(e),
         "units_per_metre": units_per_metre(target, e),
     }
 

@@ -37,7 +37,8 @@ Number = Annotated[Finite | None, Field(ge=0.0)]
 class ExudynOptions(ScriptOptions):
     """A setting's options, in Exudyn's words: none of them means a contact with nothing set.
 
-    solver: of exudyn.DynamicSolverType. The others: of ObjectContactSphereSphere, SI.
+    solver: of exudyn.DynamicSolverType.
+    The others: of ObjectContactSphereSphere, SI.
     """
 
     solver: Literal["GeneralizedAlpha", "RK44"] = "GeneralizedAlpha"
@@ -79,7 +80,8 @@ class ExudynEngine(DescribesContact, ScriptedEngine[ExudynOptions]):
         """Lines of Python that build a mass point with the contact or the law of a setting, and a
         solver of one step a call.
 
-        options: the setting's. scene: its form and radius of the plate, for the sphere or cup.
+        options: the setting's.
+        scene: its form and radius of the plate, for the sphere or cup.
         """
         # Height of the plate's centre over its surface, m: a cup's radius is below 0, so its centre
         # is above; a plane is a large sphere below.

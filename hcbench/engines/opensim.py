@@ -79,7 +79,8 @@ class OpensimEngine(DescribesContact, ScriptedEngine[OpensimOptions]):
         """Lines of Python that build a model with the contact or the law of a setting, and a Manager
         that integrates it.
 
-        options: the setting's. scene: not used: its numbers are names that the lines find.
+        options: the setting's.
+        scene: not used: its numbers are names that the lines find.
         """
         contact, integrator = _parts(options)
         return _LINES.format(

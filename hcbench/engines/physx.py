@@ -71,7 +71,8 @@ class PhysxEngine(DescribesContact, ScriptedEngine[PhysxOptions]):
         """Lines of Python that configure PhysX, define the material or the law of a setting, and make
         a new scene for each launch.
 
-        options: the setting's. scene: not used: its numbers are names that the lines find.
+        options: the setting's.
+        scene: not used: its numbers are names that the lines find.
         Raises SettingError for a law beside a restitution.
         """
         if options.law is not None and options.restitution is not None:

@@ -114,8 +114,10 @@ def _number(slot: str, index: int, name: str, text: str | None) -> float:
     """A number of the file, SI. Raises SettingError with the line and the column for a text that is
     none.
 
-    slot: names the file in errors. index: of the row, from 0. name: of the column. text: None for a
-    row that ends before it.
+    slot: names the file in errors.
+    index: of the row, from 0.
+    name: of the column.
+    text: None for a row that ends before it.
     """
     try:
         return float(text or "")
@@ -129,7 +131,8 @@ def _number(slot: str, index: int, name: str, text: str | None) -> float:
 def _check_times(slot: str, time: np.ndarray[tuple[int], np.dtype[np.float64]]) -> None:
     """Raise SettingError for times that do not rise in even steps, or are fewer than two.
 
-    slot: names the file in errors. time: s, (n,).
+    slot: names the file in errors.
+    time: s, (n,).
     """
     if len(time) < 2:
         raise SettingError(slot, "one row", "two rows or more, even in time")

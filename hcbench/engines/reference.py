@@ -41,8 +41,10 @@ def successive_bounces(
     rate, m/s, above 0 towards the plate, and the force, N, at each of `times`, (n,) each.
 
     impact_at: the impact at a touch speed (m/s), with its loop.
-    gravity: m/s², 0 for one bounce only. height: above the plate at release, m. speed: then, m/s,
-    towards the plate. times: s after release, rising, (n,).
+    gravity: m/s², 0 for one bounce only.
+    height: above the plate at release, m.
+    speed: then, m/s, towards the plate.
+    times: s after release, rising, (n,).
 
     At rest penetration, rate and force are 0: the static depth is negligible. An impact
     slower than the last computed one by less than 1e-3 has its loop, and loses speed in the
@@ -150,7 +152,8 @@ class ReferenceEngine(Engine):
     def _one(law: Law, scene: Scene, timestep: float, launch: Launch) -> Impact:
         """The impact of one launch, at the speed that gravity gives it until the touch.
 
-        timestep: s. Its status is NO_TOUCH where it never gets there.
+        timestep: s.
+        Its status is NO_TOUCH where it never gets there.
         """
         speed = launch.touch_speed(timestep, scene.gravity)
         if speed == 0.0:
@@ -164,8 +167,9 @@ class ReferenceEngine(Engine):
 def law_of(setting: Setting, scene: Scene) -> Law:
     """The law that a setting of the reference names, with its options' numbers.
 
-    scene: its stiffness and exponent hold where the options have none. Raises SettingError for
-    another name, and for options that the law does not have or that are missing.
+    scene: its stiffness and exponent hold where the options have none.
+    Raises SettingError for another name, and for options that the law does not have or that are
+    missing.
     """
     if setting.name == "hunt-crossley":
         defaults = {"stiffness": scene.stiffness, "exponent": scene.exponent}
@@ -198,7 +202,10 @@ def _impact(law: Law, mass: float, speed: float, gravity: float, timestep: float
 
     Its arrays are read-only, as all who ask for the same impact share them.
 
-    mass: kg. speed: at touch, m/s. gravity: m/s². timestep: s.
+    mass: kg.
+    speed: at touch, m/s.
+    gravity: m/s².
+    timestep: s.
     """
     # Published laws whose damping depends on the speed at touch: of one impact a plain law.
     if isinstance(law, TouchSpeedLaw):

@@ -46,7 +46,8 @@ MOST_NOMINAL = 1.0
 class ContactFamily(ABC):
     """Contacts of a model's pairs that differ in a nominal e and in friction alone.
 
-    name: for the user. notes: sentences for the user.
+    name: for the user.
+    notes: sentences for the user.
     slides: whether the pairs have friction.
     mobility: of each request's pair, how many times as easily the contact point moves along the
     plate as along its normal.
@@ -218,7 +219,8 @@ class RandomizesContacts(OpensModels):
         """Families of contacts that pairs of a user's own model can have in many worlds; first those
         whose e depends least on where in a step a contact starts.
 
-        source: a path, several paths, text or an object. rebuild: makes `source` again, or None.
+        source: a path, several paths, text or an object.
+        rebuild: makes `source` again, or None.
         requests: one a pair.
         """
 
@@ -251,7 +253,8 @@ class VariesContacts(OpensModels):
     ) -> VariedContact:
         """A user's model whose pair can be changed.
 
-        source, rebuild: as in `open`. Raises as `open`.
+        source, rebuild: as in `open`.
+        Raises as `open`.
         """
 
 
@@ -276,7 +279,8 @@ class TunesModels(OpensModels):
         """Settings for pairs in a user's own model, each meant to have the e of `goal` there;
         simplest first, each found when it is asked for.
 
-        source: a path, several paths, text or an object. rebuild: makes `source` again, or None.
+        source: a path, several paths, text or an object.
+        rebuild: makes `source` again, or None.
         requests: alike but for pairs and attitudes; their speeds, m/s, span the band.
         was: the model at rest as it is.
         version: numbers of the engine's version that has to load what is written, such as (3, 5);
@@ -306,10 +310,13 @@ class TunesModels(OpensModels):
     ) -> DropTest:
         """Drop the robot of which the pairs are feet, and judge how it lands.
 
+        source: the user's model: a path, several paths, text or an object.
+        requests: of the pairs, each of a foot and the floor; the first has the pose.
         like: a test whose length this one takes, to be compared with it; None for a length that
-        lets the robot come to rest. until_worse: one drop is enough where something is worse in it
-        than in all of `like`. Raises UserError where the pairs are not of a robot that can fall,
-        and for an engine that judges no landings.
+        lets the robot come to rest.
+        until_worse: one drop is enough where something is worse in it than in all of `like`.
+        Raises UserError where the pairs are not of a robot that can fall, and for an engine that
+        judges no landings.
         """
         raise UserError("engine", self.title, "an engine in which hcbench judges landings")
 
@@ -319,8 +326,11 @@ class TunesModels(OpensModels):
         """Settings of a robot's feet with which its centre of mass rebounds by so much, m, from the
         highest drop; each is found when it is asked for.
 
-        before: the landing of the model as it is. Raises UserError where the pairs are not of a
-        robot that can fall, and for an engine that judges no landings.
+        source: the user's model: a path, several paths, text or an object.
+        requests: of the pairs, each of a foot and the floor; the first has the pose.
+        before: the landing of the model as it is.
+        Raises UserError where the pairs are not of a robot that can fall, and for an engine that
+        judges no landings.
         """
         raise UserError("engine", self.title, "an engine in which hcbench judges landings")
 
@@ -339,7 +349,9 @@ class LandsRobots(OpensModels):
         """Drop the robot of a model, in the pose of the request: a landing for each height at each
         tilt of the plan.
 
-        source: a path, several paths, text or an object. rebuild: makes `source` again, or None.
+        drops: heights, tilts and controller.
+        source: a path, several paths, text or an object.
+        rebuild: makes `source` again, or None.
         Raises UserError where nothing can fall, or nothing is there to land on.
         """
 

@@ -130,10 +130,14 @@ class Launches(Columns[Launch]):
     ) -> Launches:
         """Launches that touch at these speeds and phases under gravity, started a few steps before.
 
-        speed: at touch, m/s, (n,). phase: where in a step they touch, 0 to 1, (n,). slip: along the
-        bodies' way on the plate, m/s, (n,). spin: of all, rad/s, (3,).
-        timestep: h, s. gravity: g, m/s², into the plate; for 0 the launches start at these speeds,
-        without a height. steps_most: steps of free fall before the touch, at most.
+        speed: at touch, m/s, (n,).
+        phase: where in a step they touch, 0 to 1, (n,).
+        slip: along the bodies' way on the plate, m/s, (n,).
+        spin: of all, rad/s, (3,).
+        timestep: h, s.
+        gravity: g, m/s², into the plate; for 0 the launches start at these speeds, without a
+        height.
+        steps_most: steps of free fall before the touch, at most.
         share: by which the integrator's free flight at height z keeps (v + share g h)² + 2 g z: 1/2
         for semi-implicit Euler, 0 for exact flight.
         """
@@ -196,7 +200,9 @@ class Launches(Columns[Launch]):
     def flight_time(self, timestep: float, gravity: float) -> Floats:
         """Time from release to touch of each launch, s, (n,).
 
-        inf for one that never arrives, without speed and gravity. timestep: s. gravity: m/s².
+        inf for one that never arrives, without speed and gravity.
+        timestep: s.
+        gravity: m/s².
         """
         clearance = self.clearance(timestep)
         # Under constant gravity the mean speed is half the sum of those at both ends.
@@ -319,22 +325,39 @@ class Impacts(Columns[Impact]):
             _listed(self.speed_after_force),
             strict=True,
         )
-        # Names and order are those of `columns`, and of the fields of `Impact`.
-        for launch, status, reason, v_in, v_out, duration, depth, force, samples, *rest in columns:
-            source, row, start, along_plate, v_after_force = rest
+        for (
+            launch,
+            status,
+            reason,
+            speed_in,
+            speed_out,
+            duration,
+            penetration,
+            force,
+            samples,
+            source,
+            row,
+            start,
+            along_plate,
+            speed_after_force,
+        ) in columns:
             loop = source
             if isinstance(source, Recorded):
                 loop = source.loop(row, start, samples)
-            measured = (v_in, v_out, duration, depth, force)
+            # In the order of the fields of `Impact`.
             yield Impact(
                 launch,
                 STATUSES[status],
                 reason,
-                *measured,
+                speed_in,
+                speed_out,
+                duration,
+                penetration,
+                force,
                 samples,
                 loop,
                 along_plate,
-                v_after_force,
+                speed_after_force,
             )
 
     @property

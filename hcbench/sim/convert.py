@@ -121,9 +121,11 @@ def _of_material(
     """Numbers of a material to convert: (α, s/m, None, speed), or (None, e at the speed, speed) of
     a material without an α; the speed is in m/s, None if unknown and not needed.
 
+    known: the material, with what its source states.
     speed: as the user gave it, or None: then e is taken at a speed of the source, the middle one.
-    Warns of a speed outside the material's range. Raises QuantityError for text that is not a
-    speed, UserError for a material without an α where neither the user nor the source states one.
+    Warns of a speed outside the material's range.
+    Raises QuantityError for text that is not a speed, UserError for a material without an α where
+    neither the user nor the source states one.
     """
     v = None if speed is None else units.parse(speed, "speed", "speed", above=0.0)
     if v is None and known.speeds is not None and known.target.alpha is None:
@@ -139,9 +141,12 @@ def _of_material(
 
 
 def _solref(given: str | Sequence[float | str] | None) -> tuple[float, float] | None:
-    """The two numbers of a solref, from text or a sequence; None for None.
+    """The two numbers of a solref of MuJoCo's, from text or a sequence; None for None.
 
-    Raises UserError for anything else.
+    They are a time constant, s, and a damping ratio, or, both below 0, a stiffness, 1/s², and a
+    damping, 1/s; here they are only read.
+    given: as the user wrote it, such as "-2.7e8 -815" or [0.02, 1].
+    Raises UserError for anything but two numbers.
     """
     if given is None:
         return None

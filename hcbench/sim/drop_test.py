@@ -38,8 +38,9 @@ _FARTHEST = 50.0
 class DropBench(ABC):
     """A robot over its floor, in its pose, that an engine drops as often as it is asked.
 
-    timestep: s. gravity: m/s². drops: that judge its landing: DROPS, without the tilted ones for a
-    robot that cannot turn.
+    timestep: s.
+    gravity: m/s².
+    drops: that judge its landing: DROPS, without the tilted ones for a robot that cannot turn.
     """
 
     robot: Robot
@@ -52,24 +53,32 @@ class DropBench(ABC):
         """Drop the robot with the contacts that it has now. seconds: of each drop."""
 
     def whole_test(self, like: DropTest | None, until_worse: bool = False) -> DropTest:
-        """Make every drop: for as long as `like` took, to be compared with it; for None, for as long
-        as a standing robot takes to rest, or only until the touch if it falls over.
+        """Make every drop, each for as long as `like` took, to be compared with it.
 
-        until_worse: one drop alone where something is worse in it than in all of `like`.
+        like: another test of the robot; None: each drop lasts until the robot rests.
+        until_worse: return the hardest drop alone where that already is worse than all of `like`.
         """
-        if like is not None:
-            if until_worse:
-                # The highest, tilted. Quantities are the largest of all drops: others change nothing.
-                hardest = self.test(like.seconds, self.drops[-1:])
-                if any(hardest.worse_than(like)):
-                    return hardest
-            return self.test(like.seconds, self.drops)
+        if like is None:
+            return self._until_rest()
+        if until_worse:
+            # The highest, tilted. Quantities are the largest of all drops: others change nothing.
+            hardest = self.test(like.seconds, self.drops[-1:])
+            if any(hardest.worse_than(like)):
+                return hardest
+        return self.test(like.seconds, self.drops)
+
+    def _until_rest(self) -> DropTest:
+        """Make every drop for as long as a standing robot takes to rest; only until the touch for a
+        robot that falls over.
+        """
         # Where a robot lies that fell over is chance: only its touch can be compared. One drop
         # shows most robots that fall, and saves the others.
         if self.test(SECONDS, self.drops[-1:]).fell:
             return self.test(SECONDS_TO_FALL, self.drops)
         test = self.test(SECONDS, self.drops)
-        return self.test(SECONDS_TO_FALL, self.drops) if test.fell else test
+        if test.fell:
+            return self.test(SECONDS_TO_FALL, self.drops)
+        return test
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +101,11 @@ class DropMotion:
 class DroppedRobot:
     """A robot whose motion is read.
 
-    timestep: s. gravity: m/s². up: unit vector against it, (3,). weight: N. height: of the centre
-    of mass over the lowest point at release, m.
+    timestep: s.
+    gravity: m/s².
+    up: unit vector against it, (3,).
+    weight: N.
+    height: of the centre of mass over the lowest point at release, m.
     """
 
     timestep: float
@@ -140,6 +152,7 @@ class DroppedRobot:
         """The end of a drop: how the robot came to rest after the touch, and lies in the last
         TAIL_S seconds.
 
+        motion: of the robot in each step, from release on.
         touch: index of the first step in which the floor pushes. flights: (first step, step after
         the last) of each flight after the touch. All is NaN for a drop that does not last longer
         than LATE_S + TAIL_S.
@@ -180,12 +193,14 @@ class DroppedRobot:
 class _Settling:
     """The end of a drop; NaN and false for a drop that is too short to settle.
 
-    rest: time from the touch until it lies still, s, infinite if it does not. sink: of the deepest
-    point into the floor, m. travel: along the floor since the touch, m.
-    creep: mean speed along the floor in the end, m/s. vibration: rms of the centre's velocity about
-    its mean there, m/s. late: number of flights that begin after LATE_S.
-    sag: lowering of the centre since the touch that is not sink, m. fell: whether the robot fell
-    over.
+    rest: time from the touch until it lies still, s, infinite if it does not.
+    sink: of the deepest point into the floor, m.
+    travel: along the floor since the touch, m.
+    creep: mean speed along the floor in the end, m/s.
+    vibration: rms of the centre's velocity about its mean there, m/s.
+    late: number of flights that begin after LATE_S.
+    sag: lowering of the centre since the touch that is not sink, m.
+    fell: whether the robot fell over.
     """
 
     rest: float = math.nan
@@ -207,7 +222,8 @@ def _flights(pushes: NDArray[np.bool_], touch: int, timestep: float) -> list[tup
     """(first step, step after the last) of each flight after the touch that is longer than chatter:
     PARTED_S or more without a force.
 
-    pushes: of each step, whether the floor pushes, (n,). touch: index of the first that does.
+    pushes: of each step, whether the floor pushes, (n,).
+    touch: index of the first that does.
     timestep: s.
     """
     is_flying = ~pushes
@@ -224,9 +240,11 @@ def _gain(energy: Floats, touch: int, flights: list[tuple[int, int]]) -> float:
     """Energy that the contact gave to the robot, J: the most with which a flight begins beyond the
     least energy before; 0 if none begins with more.
 
-    energy: of each step, J, (n,). touch: index of the first step with a force. flights: (first
-    step, step after the last) of each. Before the first flight the least is the energy at the
-    touch, then also that at the end of each flight: in flight nothing adds energy.
+    energy: of each step, J, (n,).
+    touch: index of the first step with a force.
+    flights: (first step, step after the last) of each.
+    Before the first flight the least is the energy at the touch, then also that at the end of each
+    flight: in flight nothing adds energy.
     """
     least = float(energy[max(touch - 1, 0)])
     gain = 0.0

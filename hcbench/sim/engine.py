@@ -285,7 +285,8 @@ def _require_launch(launch: Launch, engine: str, oblique: bool) -> None:
     """Raise SettingError for what is not a Launch, for one without speed and height, which would
     never touch, and for an oblique one in an engine that has none.
 
-    engine: its name, for the error. oblique: whether it has oblique launches.
+    engine: its name, for the error.
+    oblique: whether it has oblique launches.
     """
     if not isinstance(launch, Launch):
         raise SettingError("launch", f"{launch!r:.200}", "a Launch")
@@ -302,7 +303,8 @@ def _require_launch(launch: Launch, engine: str, oblique: bool) -> None:
 def module_of(engine: Engine, name: str) -> Any:
     """A module of the engine's folder, imported when first asked for; None where there is none.
 
-    name: may have dots, as "model.under_test". Raises what the import raises.
+    name: may have dots, as "model.under_test".
+    Raises what the import raises.
     """
     path = type(engine).__module__.rpartition(".")[0]
     # One folder at a time: `find_spec` imports those above, and raises where there is none.

@@ -96,7 +96,8 @@ def versioned_title(adapter: Engine, name: str) -> str:
 def unknown(kind: str, name: str, known: Iterable[str]) -> UserError:
     """The error to raise for a name that is not registered, with the nearest name.
 
-    kind: what the name is of, such as "engine". known: the names that are registered.
+    kind: what the name is of, such as "engine".
+    known: the names that are registered.
     """
     from difflib import get_close_matches
 

@@ -124,7 +124,8 @@ def requirements(name: str, backend: Backend, version: str) -> list[str]:
     """Requirements of an engine's environment as lines for pip: those of hcbench's worker, those of
     the engine's adapter, and last the engine's package.
 
-    name: of the engine. version: of its package; "" for any from the oldest tried on.
+    name: of the engine.
+    version: of its package; "" for any from the oldest tried on.
     """
     adapter = entry_points.entry_point(name).dist
     # An adapter that is in no package declares nothing.
@@ -171,6 +172,7 @@ def _without_extra(marker: str, extra: str) -> tuple[str, bool]:
 def _try(made: Environment) -> None:
     """Let a ball bounce in a new environment in every recipe.
 
+    made: the environment, with the engine installed in it.
     Raises CannotRun where that fails, whatever the reason.
     """
     there = interpreter(made)
@@ -193,7 +195,8 @@ def _failed_bounce(name: str) -> str:
     name: of the engine, in the version that is installed in this process.
     All recipes are tried because a version may lack a feature that only some of them use. A refusal
     by hcbench, such as a step too long for a recipe or a plug-in without a compiler, does not
-    count. Raises EngineFailed, and whatever else the engine raises.
+    count.
+    Raises EngineFailed, and whatever else the engine raises.
     """
     scene = load_scene("steel-plane")
     law = HuntCrossley(scene.stiffness, 0.3, scene.exponent)

@@ -77,7 +77,8 @@ def as_records(pairs: Sequence[CandidatePair]) -> list[dict[str, Any]]:
 def as_table(pairs: Sequence[CandidatePair], longest: int = 40) -> str:
     """The pairs as a table, in the order given, with notes on poses and contact settings below it.
 
-    longest: rows at most. Distances are m, masses kg.
+    longest: rows at most.
+    Distances are m, masses kg.
     """
     if not pairs:
         return "no two parts of this model can meet\n"
@@ -426,8 +427,10 @@ def unit_notes(name: str, mass: float, shapes: float, around: float) -> list[str
     """A list of one sentence, if the density of a body shows that the model is not in metres and
     kilograms; empty where the density is plausible, or the body has no mass or no size.
 
-    name: of the body. mass: of all that hangs on it, kg. shapes: volume of the boxes about each of
-    its shapes, m³; around: of the box about all of them and their frames, m³.
+    name: of the body.
+    mass: of all that hangs on it, kg.
+    shapes: volume of the boxes about each of its shapes, m³; around: of the box about all of them
+    and their frames, m³.
     """
     if not (mass > 0.0 and shapes > 0.0 and around > 0.0):
         return []

@@ -35,7 +35,8 @@ def find_part(
 
     parts: (kind, name, id) of each, such as ("geom", "plate", 0). Of several with the same name the
     first is meant.
-    request: a name, or "KIND:NAME" or "KIND:ID" to say which; a part with just this name goes first.
+    request: a name, or "KIND:NAME" or "KIND:ID" to say which; a part with just this name goes
+    first.
     likely: gives names that users mean rather than others; called for an error alone.
     Raises UserError, with the names that there are, for one that no part has.
     """

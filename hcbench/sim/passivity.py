@@ -89,7 +89,8 @@ class LongestTrain:
         """Speeds with which bodies still bounce `seconds` after they were dropped, if each impact
         has the largest e that is allowed: m/s, (d,); 0 where the bouncing ended.
 
-        heights: of the d drops, m. gravity: m/s², above 0.
+        heights: of the d drops, m.
+        gravity: m/s², above 0.
         """
         speed = np.sqrt(2.0 * gravity * np.asarray(heights, dtype=np.float64))
         # A train has thousands of bounces: e from a table takes a tenth of
@@ -253,9 +254,12 @@ class DropReader:
     gravity: m/s², into the plate.
     allowed: rebound speeds at the end that the target allows, m/s, one for each drop.
     reading: which energy the integrator keeps.
-    max_e: largest e so far. gains_below: highest speed so far, m/s, at which one gained energy.
-    _last: penetration, m, and rate, m/s, in each drop's last step. _speed_in, _speed_out: of each
-    drop's last impact, m/s. _parted: the step in which it ended. _steps: read so far.
+    max_e: largest e so far.
+    gains_below: highest speed so far, m/s, at which one gained energy.
+    _last: penetration, m, and rate, m/s, in each drop's last step.
+    _speed_in, _speed_out: of each drop's last impact, m/s.
+    _parted: the step in which it ended.
+    _steps: read so far.
     """
 
     timestep: float
@@ -306,7 +310,8 @@ class DropReader:
     def _judge(self, speed_in: float, speed_out: float) -> None:
         """Update the largest e, and the fastest impact that gained energy, by one bounce.
 
-        speed_in, speed_out: m/s. A bounce whose speed in is 0 or NaN does not count.
+        speed_in, speed_out: m/s.
+        A bounce whose speed in is 0 or NaN does not count.
         """
         if not speed_in > 0.0:
             return
@@ -330,7 +335,9 @@ def allowed_rebounds(
     m/s, (d,) for d heights.
 
     train: the longest train of bounces that the target allows; None: all speeds are 0, as the body
-    has to rest. heights: m. gravity: m/s², above 0.
+    has to rest.
+    heights: m.
+    gravity: m/s², above 0.
     """
     if train is None:
         return np.zeros(len(heights))
@@ -351,8 +358,9 @@ def passivity_of(
     speeds: the band, lowest and highest, m/s.
     train: the longest train of bounces that its target allows; None for a setting that must rest in
     LASTS seconds.
-    An engine without time steps has no drops. Raises SettingError for a setting that the engine
-    cannot have, SceneError for a scene that it cannot load, EngineMissing, EngineFailed.
+    An engine without time steps has no drops.
+    Raises SettingError for a setting that the engine cannot have, SceneError for a scene that it
+    cannot load, EngineMissing, EngineFailed.
     """
     # An engine in an environment of its own answers by its adapter.
     adapter = getattr(engine, "adapter", engine)
@@ -388,8 +396,10 @@ def _around_band(
     """Launches below and above a band of impact speeds, at its ends too, each speed at several
     phases.
 
-    speeds: lowest and highest of the band, m/s. phases: evenly over a step. timestep: s. gravity:
-    m/s².
+    speeds: lowest and highest of the band, m/s.
+    phases: evenly over a step.
+    timestep: s.
+    gravity: m/s².
     """
     low, high = speeds
     slowest = max(_SLOW * low, _FALLS * gravity * timestep)
@@ -434,8 +444,9 @@ def _drops_here(
     """Drop the scene's body in an engine from each height, simulate it for LASTS s in this process,
     and read how it bounces.
 
-    name: of the engine. heights: m, the highest last. train: the longest train of bounces that the
-    setting's target allows; None: it must rest.
+    name: of the engine.
+    heights: m, the highest last.
+    train: the longest train of bounces that the setting's target allows; None: it must rest.
     """
     engine: SteppedEngine = here(name)  # type: ignore[assignment]
     launches = [Launch(0.0, height=height) for height in heights]

@@ -122,8 +122,10 @@ def _crossing_speed(x: Floats, at: NDArray[np.int64], h: float) -> Floats:
     """Speed at which each path crosses the touch plane (x = 0) near a step, m/s, (b,): that of the
     parabola through the state at this step and the ones before and after it.
 
-    x: penetration, m, (b, n). at: index of the step, (b,). h: time step, s. No contact force may
-    act between the three states.
+    x: penetration, m, (b, n).
+    at: index of the step, (b,).
+    h: time step, s.
+    No contact force may act between the three states.
     """
     launch = np.arange(len(x))
     last = x.shape[1] - 1
@@ -142,7 +144,8 @@ def _early_crossing_speed(states: Floats, h: float) -> Floats:
     """Speed where a path crosses the touch plane, m/s, (b,), by the first two states.
 
     states: penetration, m, and rate, m/s, of both, (2, b, 2); of one state alone it is that rate.
-    h: step between them, s. The path is a parabola with the mean acceleration of the two.
+    h: step between them, s.
+    The path is a parabola with the mean acceleration of the two.
     """
     if states.shape[2] < 2 or h == 0.0:
         return np.asarray(states[1, :, 0])
@@ -320,14 +323,15 @@ class EndedContacts:
 
 
 def _crossing_speeds(
-    states: Floats, seen: EndedContacts, h: float, last: NDArray[np.int64]
+    states: Floats, seen: EndedContacts, h: float, middle_after: NDArray[np.int64]
 ) -> States:
     """Speeds in, out and after the contact's last force, m/s, (b,) each, where the path crosses the
     plane.
 
-    states: penetration, m, rate, m/s, and force, N, (3, b, n). seen: where the contact of each
-    launch began and ended. h: the step, s. last: index of the middle one of three free states after
-    the contact, (b,).
+    states: penetration, m, rate, m/s, and force, N, (3, b, n).
+    seen: where the contact of each launch began and ended.
+    h: the step, s.
+    middle_after: index of the middle one of three free states after the contact, (b,).
     """
     x = states[0]
     is_deep = x > 0.0
@@ -336,7 +340,7 @@ def _crossing_speeds(
         is_deep.any(axis=1), np.minimum(seen.first, is_deep.argmax(axis=1)), seen.first
     )
     v_in = _crossing_speed(x, entered - 1, h)
-    v_out = _crossing_speed(x, last, h)
+    v_out = _crossing_speed(x, middle_after, h)
     # Fewer than three states before the touch: what the first two or the first one tell.
     v_in = np.where(entered < 2, _early_crossing_speed(states[:2, :, :2], h), v_in)
     v_in = np.where(entered < 1, seen.came[1], v_in)
@@ -349,7 +353,8 @@ def _contact(
     """Find where the force acts in each launch: the first step, the one after the last, the
     largest penetration between them, m, and the largest force, N; (b,) each.
 
-    states: penetration (m), rate (m/s), force (N), (3, b, n). counts: steps that count, (b,).
+    states: penetration (m), rate (m/s), force (N), (3, b, n).
+    counts: steps that count, (b,).
     A launch without force gets 0, n, and the extremes of its whole row: callers know it by its
     `End`.
     """
@@ -453,7 +458,8 @@ def rule_for(launches: Launches, scene: Scene, timestep: float, bits: int, kind:
     """Make the constants by which launches of a scene's ball end, as a `Rule` whose numbers and
     arrays, (b,), are of the NumPy type `kind`.
 
-    timestep: s. bits: of the engine's numbers, 32 or 64: they decide what counts as round-off.
+    timestep: s.
+    bits: of the engine's numbers, 32 or 64: they decide what counts as round-off.
     """
     rule = StopRule.for_launches(launches, timestep, scene.normal_gravity, scene.touch_radius)
     made = Rule(

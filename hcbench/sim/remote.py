@@ -164,9 +164,11 @@ class RemoteEngine(Wrapped):
     def _call(self, method: str, *args: Any, launches: int = 0, steps: float = 0.0) -> Any:
         """Call a method of the adapter in its environment, within the time that launches may take.
 
-        method: its name. args: its arguments. launches, steps: how many it simulates, and steps in
-        all beyond those of impacts; without launches there is no limit. Raises what the method
-        does, and the error of a worker that died or hung.
+        method: its name.
+        args: its arguments.
+        launches, steps: how many it simulates, and steps in all beyond those of impacts; without
+        launches there is no limit.
+        Raises what the method does, and the error of a worker that died or hung.
         """
         limit = None
         # An engine that never hangs has all the time that it takes, as beside hcbench.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -73,7 +73,8 @@ class Rest:
     def failures(self, radius: float, timestep: float) -> list[str]:
         """Reasons why a body does not count as resting, in words; [] if it rests.
 
-        radius: R, of the body, m. timestep: s.
+        radius: R, of the body, m.
+        timestep: s.
         It rests if it sinks more slowly than 1e-5 m/s, lies less deep than 1e-3 R or 0.2 mm per ms
         of step, and its vibration is below 1e-4 m/s or decaying.
         """
@@ -269,33 +270,51 @@ class Standing:
     ) -> Standing:
         """Join what was measured of a model at rest.
 
-        rest: on the level. on_slope: on a slope, of which the drift alone counts.
+        rest: on the level.
+        on_slope: on a slope, of which the drift alone counts.
         hold: drift in a grasp, m/s.
         hop: how far a body rises that is laid down as it slides, m.
         cost: (iterations of the solver in a step, CPU time of a step, s).
-        slope: its angle, rad. falls: whether the model falls over on the level.
+        slope: its angle, rad.
+        falls: whether the model falls over on the level.
         """
+        iterations, step_time = cost
         return cls(
-            rest.penetration,
-            on_slope.drift,
-            hold,
-            rest.vibration,
-            hop,
-            *cost,
-            rest.force_noise,
-            slope,
+            penetration=rest.penetration,
+            drift=on_slope.drift,
+            hold=hold,
+            vibration=rest.vibration,
+            hop=hop,
+            iterations=iterations,
+            step_time=step_time,
+            force_noise=rest.force_noise,
+            slope=slope,
             falls=falls,
         )
 
     @property
+    def _values(self) -> dict[str, float]:
+        """The value of each of QUANTITIES, SI, by its key and in their order."""
+        return {
+            "penetration_m": self.penetration,
+            "drift_m_per_s": self.drift,
+            "hold_m_per_s": self.hold,
+            "vibration_m_per_s": self.vibration,
+            "hop_m": self.hop,
+            "solver_iterations": self.iterations,
+            "step_time_s": self.step_time,
+        }
+
+    @property
     def record(self) -> dict[str, float]:
         """The numbers as JSON and the table have them, by key."""
-        names = [quantity.key for quantity in QUANTITIES]
-        return dict(zip(names, astuple(self), strict=False)) | {"force_noise": self.force_noise}
+        return {**self._values, "force_noise": self.force_noise}
 
     def worse_than(self, before: Standing) -> Iterator[str]:
         """Quantities that grew by more than a fifth and are not small, in words."""
-        for quantity, was, now in zip(QUANTITIES, astuple(before), astuple(self), strict=False):
+        for quantity in QUANTITIES:
+            was = before._values[quantity.key]
+            now = self._values[quantity.key]
             if quantity.is_worse(was, now):
                 yield quantity.change(was, now)
 
@@ -304,17 +323,21 @@ class Standing:
         lies deeper than before and than the time step allows, or vibrates more than before and than
         a body at rest may.
 
-        before: the model to compare with. timestep: s.
+        before: the model to compare with.
+        timestep: s.
         """
-        limits = (
-            ("drift_m_per_s", self.drift, before.drift, 0.0),
-            ("hold_m_per_s", self.hold, before.hold, 0.0),
-            ("penetration_m", self.penetration, before.penetration, _DEPTH_STEP * timestep),
-            ("vibration_m_per_s", self.vibration, before.vibration, VIBRATION_MAX),
-        )
-        # `enough`: SI; up to it any value will do.
-        for key, now, was, enough in limits:
-            quantity = next(each for each in QUANTITIES if each.key == key)
+        # Of each quantity that is judged the value, SI, up to which any will do.
+        limits = {
+            "drift_m_per_s": 0.0,
+            "hold_m_per_s": 0.0,
+            "penetration_m": _DEPTH_STEP * timestep,
+            "vibration_m_per_s": VIBRATION_MAX,
+        }
+        quantity_of = {quantity.key: quantity for quantity in QUANTITIES}
+        for key, enough in limits.items():
+            quantity = quantity_of[key]
+            was = before._values[key]
+            now = self._values[key]
             if quantity.is_worse(was, now) and not now <= enough:
                 yield quantity.change(was, now)
 
@@ -366,7 +389,9 @@ def push_of(friction: float, load: float) -> float:
 def creep_of(drift: float, spin: float, lever: float) -> float:
     """Creep of a body that drifts down a slope, m/s; NaN where it rolls.
 
-    spin: mean angular speed, rad/s. lever: from its contact point to its centre, m.
+    drift: speed of its centre along the slope, m/s.
+    spin: mean angular speed, rad/s.
+    lever: from its contact point to its centre, m.
     """
     rolls = drift > _SLOWEST_ROLL and spin * lever > _ROLLS * drift
     return math.nan if rolls else drift
@@ -376,8 +401,10 @@ def creep_of(drift: float, spin: float, lever: float) -> float:
 class BorneLoad:
     """A pair at rest, pressed together along its normal.
 
-    times: of the force at rest. force: that the contact bears, N. penetration: m. NaN where the
-    pair did not bear it.
+    times: of the force at rest.
+    force: that the contact bears, N.
+    penetration: m.
+    NaN where the pair did not bear it.
     """
 
     times: float
@@ -395,8 +422,9 @@ def borne(times: float, own: float, rows: Floats) -> BorneLoad:
     steps: mean force and penetration; both NaN where the force differs from `times` `own` by more
     than a tenth, or varies (standard deviation) by more than a tenth of itself.
 
-    times: the multiple. own: force at rest, N. rows: force, N, and penetration, m, of the steps,
-    (n, 2).
+    times: the multiple.
+    own: force at rest, N.
+    rows: force, N, and penetration, m, of the steps, (n, 2).
     """
     force, penetration = rows.mean(axis=0).tolist()
     noise = float(rows[:, 0].std())

@@ -107,9 +107,12 @@ class ScriptedEngine(SteppedEngine, Generic[Options]):
         """The options of a setting; SettingError names the first that the engine does not have."""
         options = validate(self.table, setting.options, SettingError, f"{self.name} option '{{}}'")
         if options.law is not None and not isinstance(options.law, self.laws):
-            got, expected = "'force'", "'restitution'"
-            if HuntCrossley in self.laws:
-                got, expected = expected, got
+            # An engine that does not take the one kind of law takes the other.
+            got = "'restitution'"
+            expected = "'force'"
+            if isinstance(options.law, HuntCrossley):
+                got = "'force'"
+                expected = "'restitution'"
             raise SettingError(
                 f"{self.name} option 'law.kind'", got, f"{expected}, which this engine supports"
             )
@@ -183,9 +186,11 @@ class ScriptWorld(World):
         """Run the script, which defines the world's functions in names of its own: `place` and
         `step`, and those of `law` and `force` that it has.
 
-        engine: of the script. scene: of ball and plane. setting: gives the time step, s. script:
-        source in Python. Raises EngineMissing where the engine's package does not import, and what
-        the script raises.
+        engine: of the script.
+        scene: of ball and plane.
+        setting: gives the time step, s.
+        script: source in Python.
+        Raises EngineMissing where the engine's package does not import, and what the script raises.
         """
         assert engine.backend is not None
         self.timestep = setting.timestep
@@ -317,7 +322,8 @@ _FEWEST = 4.0
 def require_motion(scene: Scene, timestep: float, fastest: float, bits: int) -> None:
     """Raise SettingError for a step so short that the ball does not move in numbers of `bits` bits.
 
-    timestep: s. fastest: highest speed, m/s.
+    timestep: s.
+    fastest: highest speed, m/s.
     """
     require_motion_at(scene.touch_radius, timestep, fastest, bits)
 
@@ -330,7 +336,9 @@ def unit_in_last_place(coordinate: float, bits: int) -> float:
 def require_motion_at(coordinate: float, timestep: float, fastest: float, bits: int) -> None:
     """Raise SettingError for a step so short that numbers of `bits` bits do not resolve the motion.
 
-    coordinate: of the body, m. timestep: s. fastest: highest speed, m/s.
+    coordinate: of the body, m.
+    timestep: s.
+    fastest: highest speed, m/s.
     """
     place = unit_in_last_place(coordinate, bits)
     if fastest * timestep < _FEWEST * place:
@@ -345,9 +353,11 @@ def require_motion_at(coordinate: float, timestep: float, fastest: float, bits: 
 def law_text(law: PythonLaw | None, each: str, force: str, pair: Pair) -> str:
     """A law's numbers in an engine's own lines; "" without a law.
 
-    each: lines that give each impact its e, with {alpha}, s/m, {reading} of the law, and {first} and
-    {second}, names of the pair's geoms. force: lines of eq. (16) with {k}, {n} and {a}: N/m^n, 1 and
-    s/m, a = (3/2) α; and with {geom}, the first of the names. pair: the names.
+    each: lines that give each impact its e, with {alpha}, s/m, {reading} of the law, and {first}
+    and {second}, names of the pair's geoms.
+    force: lines of eq. (16) with {k}, {n} and {a}: N/m^n, 1 and s/m, a = (3/2) α; and with {geom},
+    the first of the names.
+    pair: the names.
     """
     first, second = pair
     if law is None:

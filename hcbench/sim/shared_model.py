@@ -89,8 +89,9 @@ class Copies(ABC):
     def read_on(self, rule: Rule, reading: Reading, fewest: int, most: int) -> Reading:
         """Step balls on and read each step, until at most `fewest` go on or `most` steps are taken.
 
-        rule: when each ball's impact ends, from `rule_for`. reading: what was read of each until
-        now, from `begun` or from here; returned as it is then, arrays of shape (b,).
+        rule: when each ball's impact ends, from `rule_for`.
+        reading: what was read of each until now, from `begun` or from here; returned as it is then,
+        arrays of shape (b,).
         """
         add = reader(np)
         while np.count_nonzero(reading.end == 0) > fewest and reading.steps.max() < most:
@@ -102,7 +103,9 @@ class Copies(ABC):
         """Place balls that differ in height and in velocity upwards alone; both as the engine then
         has them, (2, b).
 
-        rest: state of a ball at rest, (n,). heights: (b,), m. rising: (b,), m/s.
+        rest: state of a ball at rest, (n,).
+        heights: (b,), m.
+        rising: (b,), m/s.
         """
         states = np.tile(rest, (len(heights), 1))
         at = [HEIGHT, RISING]
@@ -126,7 +129,9 @@ class CopiesWorld(BatchWorld):
     ) -> None:
         """Take up copies of a scene's ball, all at rest.
 
-        timestep: s. copies: of the engine, which steps them. rest: state of the ball at rest, (n,).
+        timestep: s.
+        copies: of the engine, which steps them.
+        rest: state of the ball at rest, (n,).
         reading: how speeds are read.
         """
         super().__init__(scene, timestep)
@@ -180,15 +185,15 @@ class CopiesWorld(BatchWorld):
         # Batches are a multiple of this: an eighth to a sixteenth of the launches, a power of 2.
         unit = max(_WIDTH, 2 ** (count.bit_length() - 4))
         padded = -(-count // unit) * unit
-        sent = launches.take(np.minimum(np.arange(padded), count - 1))
-        heights = self.scene.touch_radius + sent.clearance(self.timestep)
-        placed_heights, rising = self.place(heights, -sent.speed)
+        in_batch = launches.take(np.minimum(np.arange(padded), count - 1))
+        heights = self.scene.touch_radius + in_batch.clearance(self.timestep)
+        placed_heights, rising = self.place(heights, -in_batch.speed)
         kind = self._copies.kind
-        rule = rule_for(sent, self.scene, self.timestep, self.bits, kind)
+        rule = rule_for(in_batch, self.scene, self.timestep, self.bits, kind)
         reading = begun(placed_heights, rising, kind)
         few = 0
-        if len(sent) > _FEW * _WIDTH:
-            few = len(sent) // _FEW
+        if padded > _FEW * _WIDTH:
+            few = padded // _FEW
         reading = self._copies.read_on(rule, reading, few, NEVER)
         if few:
             most = _LONGER * int(reading.steps.max()) + _REST
@@ -307,8 +312,9 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
     ) -> ModelUnderTest:
         """Open a user's model by `model_engine`, to be stepped by this engine.
 
-        source: the model. request: the pair, its pose, and the launches. rebuild: makes the model
-        again, or None.
+        source: the model.
+        request: the pair, its pose, and the launches.
+        rebuild: makes the model again, or None.
         Raises EngineFailed where the model cannot be stepped by another engine, UserError where the
         pair cannot be measured, EngineMissing where an engine is not installed.
         """
@@ -331,7 +337,8 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
         """Open a user's model by `model_engine` so that the contact of its pair can be changed, and
         let this engine step it.
 
-        source: the model. rebuild: makes it again, or None.
+        source: the model.
+        rebuild: makes it again, or None.
         Raises UserError where that engine varies no contacts or the pair cannot be measured,
         EngineMissing where it is not installed.
         """
@@ -421,7 +428,11 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
     def with_boxes(
         self, scene: Scene, setting: Setting, passivity: Passivity, whole: bool = False
     ) -> Passivity:
-        """Try boxes and a capsule in `model_engine`; none with a law."""
+        """Try boxes and a capsule in `model_engine`; none with a law.
+
+        passivity: what `passivity` found.
+        whole: go on after the first body that fails.
+        """
         if self.law(setting) is not None:
             return passivity
         other = registry.engine(self.model_engine)
@@ -434,7 +445,8 @@ def shared_recipes(
     """Recipes of one engine made of those of another, on planes alone unless a change says
     otherwise.
 
-    engine: the name of theirs. model_engine: the other engine.
+    engine: the name of theirs.
+    model_engine: the other engine.
     changes: for each recipe of the other, by name, the fields of `Recipe` that differ.
     Raises UserError for a name that the other engine does not have.
     """
@@ -452,7 +464,8 @@ def changed(
     """Make the function of a recipe, from target to options, out of another recipe's, by changing
     the options that it returns; those that an interrupted search hands out are changed, too.
 
-    recipe: "engine.name" of the other. change: from its options to those to return.
+    recipe: "engine.name" of the other.
+    change: from its options to those to return.
     more: further arguments of its function.
     """
 

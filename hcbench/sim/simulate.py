@@ -207,7 +207,8 @@ def _until_ended(
     """Impacts of a simulation's launches, in order, and the steps that the longest took.
 
     first, expected: steps to take before anything is looked at, and probably in all; 0 where
-    unknown. Launches that have ended are read and no longer looked at.
+    unknown.
+    Launches that have ended are read and no longer looked at.
     Raises CannotShareError where launches have disturbed each other.
     """
     after = world.speed_reading.steps_after
@@ -270,7 +271,8 @@ def _read(
     the plate where that was recorded.
 
     rows: penetration, rate and force, then the eight of `Record.tangential` if known, SI, (3 or 11,
-    b, n). counts, ends: steps of each launch, and why it ended (`End`), (b,).
+    b, n).
+    counts, ends: steps of each launch, and why it ended (`End`), (b,).
     """
     time = np.arange(rows.shape[2], dtype=np.float64) * world.timestep
     read = impacts_of(
@@ -295,7 +297,8 @@ def _steps_to_part(last: Floats, timestep: float) -> float:
     """Upper bound of the steps until all of some bodies have parted, from the speeds with which they
     leave; infinite where one is not inside and on its way out.
 
-    last: penetration, m, and rate, m/s, of each, (2, b). timestep: s.
+    last: penetration, m, and rate, m/s, of each, (2, b).
+    timestep: s.
     """
     x, v = last
     if not ((x > 0.0) & (v < 0.0)).all():
@@ -379,7 +382,8 @@ def _followed(name: str, scene: Scene, setting: Setting, launch: Launch, steps: 
     """Simulate one launch for `steps` steps in this process: time, penetration, rate and force at
     each, NaN from where the engine gave up.
 
-    name: of the engine. Raises what its `load` raises.
+    name: of the engine.
+    Raises what its `load` raises.
     """
     engine: SteppedEngine = here(name)  # type: ignore[assignment]
     fastest = max(_SLOWEST, launch.touch_speed(setting.timestep, scene.gravity))

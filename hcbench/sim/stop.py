@@ -83,9 +83,10 @@ class QuietRun:
         """Mask, (b, n), of the steps of a chunk at which the condition has been met for long enough:
         for `least` steps, and, if `half_contact`, for half of the contact so far.
 
-        met: where the condition is met, (b, n). touch: index of the step of the touch, (b,).
-        start: index of the chunk's first step.
-        Chunks have to follow one another: the last step that broke the condition is remembered.
+        met: where the condition is met, (b, n).
+        touch: index of the step of the touch, (b,).
+        start: index of the chunk's first step. Chunks have to follow one another: the last step
+        that broke the condition is remembered.
         """
         step = np.arange(start, start + met.shape[1])
         # Nearly always no step is quiet.
@@ -143,11 +144,14 @@ class StopRule:
         """The rule for b launches, before any step: how long to wait for a touch and in contact, and
         when a body counts as resting.
 
-        timestep: s. gravity: into the plate, m/s². deepest: penetration, m, beyond which a launch
-        is TOO_DEEP. after: steps to wait for once the bodies are apart.
+        timestep: s.
+        gravity: into the plate, m/s².
+        deepest: penetration, m, beyond which a launch is TOO_DEEP.
+        after: steps to wait for once the bodies are apart.
         """
-        sent = Launches.of(launches)
-        flights = sent.flight_time(timestep, gravity) / timestep
+        columns = Launches.of(launches)
+        # Steps from release to touch.
+        flights = columns.flight_time(timestep, gravity) / timestep
         flight_steps = np.minimum(
             np.ceil(FLIGHT_SLACK * flights) + FLIGHT_SLACK_STEPS, FLIGHT_STEPS_MAX
         )
@@ -159,7 +163,7 @@ class StopRule:
         return cls(
             flight_steps=flight_steps.astype(np.int64),
             contact_steps=contact,
-            rest_speed=REST_SHARE * sent.touch_speed(timestep, gravity),
+            rest_speed=REST_SHARE * columns.touch_speed(timestep, gravity),
             fall=abs(gravity) * timestep,
             deepest=deepest,
             touch=np.full(len(launches), _NEVER),

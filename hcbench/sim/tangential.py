@@ -30,8 +30,9 @@ _NORMAL = 1.0 - 1e-6
 def frame(deeper: Floats, along: Sequence[float] = (1.0, 0.0, 0.0)) -> Floats:
     """Axes of a plate: unit vectors along it, across and away from it, as rows; shape (..., 3, 3).
 
-    deeper: unit vectors into the plate, (..., 3). along: vector whose part in the plate is the first
-    axis; it may have any length, and must not be normal to the plate.
+    deeper: unit vectors into the plate, (..., 3).
+    along: vector whose part in the plate is the first axis; it may have any length, and must not be
+    normal to the plate.
     """
     up = -deeper
     ahead = np.asarray(along) - up * (up @ np.asarray(along))[..., None]
@@ -144,8 +145,11 @@ def tangential_of(
     and impulses.
 
     rows: penetration, rate, force and the eight of `Record.tangential` at all steps of this launch,
-    SI, (11, n). samples: steps in which the force acted. speeds: in and out along the normal, m/s.
-    timestep: s. mass: effective, along the normal, kg.
+    SI, (11, n).
+    samples: steps in which the force acted.
+    speeds: in and out along the normal, m/s.
+    timestep: s.
+    mass: effective, along the normal, kg.
     by_work: the energy after is the one before less the work that the contact took, since joints
     and servos change the energy, too.
     """

@@ -139,7 +139,8 @@ class TossModule(Protocol):
         """Simulate each toss of a body: its state at the start and after each step, SI, an array
         (steps + 1, 13) per toss: position, quaternion, velocity, spin.
 
-        values: one for each of the setting's parameters. timestep: s.
+        values: one for each of the setting's parameters.
+        timestep: s.
         Raises EngineMissing where the backend is missing.
         """
         ...
@@ -156,7 +157,8 @@ def engines() -> Iterator[tuple[str, TossModule]]:
 def as_integrated(velocity: Floats, timestep: float) -> Floats:
     """Velocity to give an engine that moves bodies by the new velocity of a step, shape (..., 3).
 
-    velocity: of the body, m/s, z up. timestep: s.
+    velocity: of the body, m/s, z up.
+    timestep: s.
     It has half a step of gravity more: the engine's positions then lie on the parabola of free
     flight, at any step. The engine's velocity at a step's end exceeds the body's by the same amount
     (`as_body`).

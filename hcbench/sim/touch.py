@@ -52,7 +52,8 @@ def travel_by_distance(
 
     distance: moves the body to a travel and returns the signed distance there, m.
     size: of the smaller body, m: a bounding radius or the diagonal of a box, as the engine has it;
-    it decides what is near enough. approach: how much the distance falls a unit of travel.
+    it decides what is near enough.
+    approach: how much the distance falls a unit of travel.
     Each round travels by the distance that is left: convex shapes on a straight approach take one,
     others up to _ROUNDS.
     """
@@ -132,8 +133,9 @@ class JointBeyondLimit:
 def require_no_joint_beyond(joints: Sequence[JointBeyondLimit], start: str) -> None:
     """Raise UserError, with the joint values that cure it, unless `joints` is empty.
 
-    joints: those that a pose puts beyond their limits. start: another advice, to stand before the
-    pose that cures it, such as "another --key, or from "; or "".
+    joints: those that a pose puts beyond their limits.
+    start: another advice, to stand before the pose that cures it, or "":
+    such as "another --key, or from ".
     """
     if not joints:
         return
@@ -160,8 +162,10 @@ def require_apart(
 ) -> None:
     """Raise SceneError for two bodies that overlap at the start by more than DEEPEST of their size.
 
-    distance: between them, signed, m, below 0 for an overlap. size: of the smaller one, m.
-    first, second: their names. advice: the end of the error.
+    distance: between them, signed, m, below 0 for an overlap.
+    size: of the smaller one, m.
+    first, second: their names.
+    advice: the end of the error.
     """
     if distance < -DEEPEST * size:
         got = f"{first!r} starts {-distance:.4g} m inside {second!r}"
@@ -174,10 +178,11 @@ def require_reachable(
     """Raise UserError if two bodies cannot be brought to touch, because another part of what moves
     would then be inside something by more than DEEPEST of its size.
 
-    depth: of that part in what it meets, m. size: of the smaller of these two, m.
+    depth: of that part in what it meets, m.
+    size: of the smaller of these two, m.
     pair: names of the two that should meet, the moving body first.
-    blocked: that part, and what it would be in, as an error calls them. advice: the end of the
-    error.
+    blocked: that part, and what it would be in, as an error calls them.
+    advice: the end of the error.
     """
     if depth > DEEPEST * size:
         raise UserError(
@@ -287,9 +292,10 @@ class RecordedMotion:
         """Check and take the states of a recording: qpos (n, nq), qvel (n, nv) and time, s, (n,).
 
         recorded: these arrays by name; without "time" the states are `timestep`, s, apart.
-        nq, nv: numbers of positions and velocities in the model's state. layout: what they are, a
-        sentence for errors. Raises UserError for a missing array, other shapes, fewer than two
-        states, times that do not rise, and numbers that are not finite.
+        nq, nv: numbers of positions and velocities in the model's state.
+        layout: what they are, a sentence for errors.
+        Raises UserError for a missing array, other shapes, fewer than two states, times that do not
+        rise, and numbers that are not finite.
         """
         arrays = []
         for name, width in (("qpos", nq), ("qvel", nv)):
@@ -336,8 +342,9 @@ class NewTouches:
         PARTED_S and than _STATES_APART intervals of the recording; never in the first state, in
         which they have not come down.
 
-        parts: the two, as a key. state: index of the state; calls go through the states in order,
-        and of several contacts of the same parts in one state only the first counts.
+        parts: the two, as a key.
+        state: index of the state; calls go through the states in order, and of several contacts of
+        the same parts in one state only the first counts.
         """
         now = float(self.time[state])
         apart = now - self._last_seen.get(parts, -np.inf)

@@ -38,10 +38,11 @@ class WarpImpacts:
     def step(self, engine_step: Callable[[], Any], m: Any, d: Any, values: Any = None) -> None:
         """Let the engine step, with the impacts between its search for contacts and its rows.
 
-        engine_step: steps m and d, its model and data on a device. values: array there of α (s/m)
-        or e of each pair, (worlds or 1, pairs); None: those of the laws. Raises UserError for
-        values of another shape, and another model; SettingError for options of `m` with which
-        contacts are not found once a step.
+        engine_step: steps m and d, its model and data on a device.
+        values: array there of α (s/m) or e of each pair, (worlds or 1, pairs); None: those of the
+        laws.
+        Raises UserError for values of another shape, and another model; SettingError for options of
+        `m` with which contacts are not found once a step.
         """
         import warp
 
@@ -136,7 +137,8 @@ class WarpImpacts:
 
         m, d: the engine's model and data on a device.
         The room also keeps the forces of these worlds' last step, and is kept until another model
-        steps them. Raises UserError for a model with another number of geoms than that of the laws,
+        steps them.
+        Raises UserError for a model with another number of geoms than that of the laws,
         SettingError for worlds that sleep, in which contacts are found in two parts.
         """
         geoms = len(self._laws.pair_of)

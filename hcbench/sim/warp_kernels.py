@@ -43,10 +43,21 @@ _NOISE = wp.constant(4e-7)
 
 @wp.struct
 class Found:
-    """Contacts of all worlds, as the engine found them in this step, or had them in the last.
+    """Contacts of all worlds, as the engine found them in this step, or had them in the last;
+    arrays of one entry a contact, in the world's frame, SI.
 
-    count: of them, (1,). world, dim: of each. geom: of both sides. place: number among those that
-    two geoms can have, such as that of a box's corner. mark: of those that are solved.
+    count: number of contacts, (1,); entries beyond it are old.
+    world: number of its world.
+    geom: numbers of its two geoms.
+    place: number among those that two geoms can have, such as that of a box's corner.
+    mark: bits, of which _CONSTRAINT marks a contact that the solver makes rows of.
+    dim: rows of it, 1 without friction.
+    dist: of the two geoms, m, below 0 where they overlap.
+    margin: distance at which it begins to act, m.
+    pos: where it is, m.
+    frame: its axes as rows, the normal first, from the first geom to the second.
+    solref: MuJoCo's, of its spring.
+    row: addresses of its constraint rows, the normal's first; -1 without.
     """
 
     count: wp.array[int]
@@ -65,15 +76,27 @@ class Found:
 
 @wp.struct
 class Room:
-    """Numbers of a step that outlive none, for each contact; and the heads of the worlds' lists.
+    """Memory of one step: numbers of each contact, and the first contact of each world's list.
 
-    first, first_before: of the contacts of a law, now and in the step before, (worlds,); -1 of
-    none. following, following_before: in those lists. geom_before, place_before, force_before: of
-    the step before. law: number of the pair; -1 of none. dist, solref: as found. rows: rates over
-    velocities, along the normal (apart above 0) and two tangents, (contacts, nv). moves: M⁻¹ of the
-    rows. own: rates that impulses of the same contact make. rate: before impulses, less half a
-    step's push. target: least rate at which it parts. calm: speed that counts as rest. load: m/s².
-    factor: L and D of M = Lᵀ D L, (worlds, nC). change: of the velocities, (worlds, nv).
+    Arrays have one entry a contact unless a shape is given. Rates are along a contact's normal,
+    above 0 where it parts, and its two tangents.
+    first, first_before: number of the first contact with a law, now and in the step before,
+    (worlds,); -1 of none.
+    following, following_before: number of the next contact in those lists; -1 at the end.
+    geom_before, place_before, force_before: geoms, place and normal force, N, of contacts of the
+    step before.
+    law: number of the pair; -1 of none.
+    dist, solref: as found, since `settle` changes those of the engine.
+    rows: rates over velocities, (contacts, nv): the Jacobian.
+    moves: M⁻¹ of the rows, (contacts, nv).
+    own: rates that impulses of the same contact make, 1/kg.
+    rate: before impulses, less half a step's push, m/s.
+    impulse: N s.
+    target: least rate at which it parts, m/s.
+    calm: speed that counts as rest, m/s.
+    load: acceleration that presses the two together, m/s².
+    factor: L and D of M = Lᵀ D L, (worlds, nC).
+    change: of the velocities, by all impulses, (worlds, nv).
     """
 
     first: wp.array[int]
@@ -100,8 +123,11 @@ class Room:
 
 @wp.struct
 class LawsThere:
-    """LawsThere of pairs: number of the pair of two geoms (-1: none), what each value is, and e over
-    α v.
+    """Laws of pairs, in arrays on a device; see `Laws` of `pair_laws`, which is on the host.
+
+    pair_of: number of the pair of two geoms, (ngeom, ngeom); -1 of none.
+    reading: what the value of each pair is, _LINEAR, _CONSTANT or neither, (pairs,).
+    e: of the law, at the points of its table over α v.
     """
 
     pair_of: wp.array2d[int]
@@ -138,8 +164,12 @@ def remember(
     """Keep the places and normal forces, N, of the last step's contacts, linked by world. A thread
     for each contact.
 
-    is_pyramidal: whether the friction cone is a pyramid. rows: number of each world's constraint
-    rows, (worlds,). force: of each of these rows, N, (worlds, rows).
+    found: the contacts.
+    laws: of the pairs.
+    room: written to.
+    is_pyramidal: whether the friction cone is a pyramid.
+    rows: number of each world's constraint rows, (worlds,).
+    force: of each of these rows, N, (worlds, rows).
     """
     i = wp.tid()
     if i >= found.count[0]:
@@ -166,7 +196,12 @@ def remember(
 
 @wp.kernel
 def enlist(found: Found, laws: LawsThere, room: Room) -> None:
-    """Put the contacts that touch and have a law into the lists of their worlds."""
+    """Put the contacts that touch and have a law into the lists of their worlds.
+
+    found: the contacts.
+    laws: of the pairs.
+    room: written to.
+    """
     i = wp.tid()
     if i >= found.count[0]:
         return
@@ -212,8 +247,11 @@ def factor(inertia: Inertia, M: wp.array2d[float], room: Room) -> None:
     it has any: M = Lᵀ D L.
 
     A thread for each world.
-    M: entries of each world's inertia matrix, row after row, (worlds, nC). A row's columns are the
-    ancestors of its degree of freedom, its diagonal last, as in Featherstone 2008, table 6.3.
+    M: entries of each world's inertia matrix, row after row, (worlds, nC).
+    A row's columns are the ancestors of its degree of freedom, its diagonal last, as in
+    Featherstone 2008, table 6.3.
+    inertia: where the rows of the matrix are.
+    room: its `first` and `following` are sorted, `factor` is written.
     """
     world = wp.tid()
     if room.first[world] < 0:
@@ -280,6 +318,7 @@ def _force_before(found: Found, room: Room, contact: int) -> float:
 def _restitution(laws: LawsThere, reading: int, value: float, speed: float) -> float:
     """Coefficient of restitution, 0 to 1, of a pair at an impact speed, m/s.
 
+    laws: has the table of the law's e.
     reading: what `value` is: _CONSTANT for e itself, _LINEAR for α (s/m) of e = 1 - α v, else α of
     the law, whose e is read from a table over α v, in even steps of its logarithm.
     """
@@ -312,8 +351,11 @@ def _parting(
     Steps that move by the new velocity keep U² = (v + b h/2)² - 2 b x in flight, U the speed at the
     plane x = 0, b = `presses`. A contact that touched before this step has the e of v.
 
-    reading, value: the pair's law, as in `_restitution`. approach: v, m/s. depth: x, m.
-    presses: acceleration that presses the two together, m/s². timestep: h, s.
+    reading, value: the pair's law, as in `_restitution`.
+    approach: v, m/s.
+    depth: x, m.
+    presses: acceleration that presses the two together, m/s².
+    timestep: h, s.
     """
     half = presses * timestep / 2.0
     speed = approach + half
@@ -333,8 +375,10 @@ def _weight(
     """Acceleration, m/s², by which gravity alone presses one of two bodies against the other: the
     larger of both, 0 or more.
 
-    normal: from the first body to the second, unit vector. gravity: m/s². body_weldid: 0 for bodies
-    that are fixed to the world, whose weight presses nothing.
+    body1, body2: numbers of the two bodies.
+    normal: from the first body to the second, unit vector.
+    gravity: m/s².
+    body_weldid: 0 for bodies that are fixed to the world, whose weight presses nothing.
     """
     along = wp.dot(normal, gravity)
     weight = float(0.0)
@@ -358,10 +402,14 @@ def span(
     """Find the rates along the axes of each contact's frame that each velocity makes: its Jacobian,
     into `room.rows` and, to be divided by the inertia, into `room.moves`.
 
-    A thread for each contact and velocity. geom_bodyid, body_rootid: body of each geom, and root of
-    each body's tree. body_isdofancestor: whether a velocity moves a body, (bodies, nv).
-    subtree_com: m, (worlds, bodies). cdof: motion of each velocity about the centre of mass of its
-    tree, angular then linear, (worlds, nv).
+    A thread for each contact and velocity.
+    geom_bodyid, body_rootid: body of each geom, and root of each body's tree.
+    body_isdofancestor: whether a velocity moves a body, (bodies, nv).
+    subtree_com: m, (worlds, bodies).
+    cdof: motion of each velocity about the centre of mass of its tree, angular then linear,
+    (worlds, nv).
+    found: the contacts.
+    room: written to.
     """
     i, v = wp.tid()
     if i >= found.count[0]:
@@ -401,9 +449,11 @@ def aim(
     """Find how each contact moves, what loads it, and the rate at which it shall part: its `rate`,
     `own`, `target`, `calm` and `load` in `room`. A thread for each contact.
 
+    found, laws, inertia: of the engine's contacts, the pairs and the matrix of inertia.
     values: α (s/m) or e of each pair, (worlds or 1, pairs). timesteps, s, and gravities, m/s²: of
-    each world, or one for all. qvel: velocities, (worlds, nv). qacc, qfrc_smooth: accelerations and
-    forces of all but constraints, of the step before.
+    each world, or one for all.
+    qvel: velocities, (worlds, nv).
+    qacc, qfrc_smooth: accelerations and forces of all but constraints, of the step before.
     """
     i = wp.tid()
     if i >= found.count[0]:
@@ -472,8 +522,10 @@ def _impulse_of(
 ) -> wp.vec3:
     """Impulse, N s, that the law of contact i asks for, while those of the others stay.
 
-    impulse: its last one. change: of its rates by all impulses so far, m/s. friction: coefficients
-    along its two tangents; 0 for none. Components: normal, then tangents.
+    impulse: its last one.
+    change: of its rates by all impulses so far, m/s.
+    friction: coefficients along its two tangents; 0 for none.
+    Components: normal, then tangents.
     """
     own = room.own[i]
     rate = room.rate[i] + change
@@ -515,10 +567,12 @@ def collide(found: Found, friction: wp.array[_Five], room: Room, qvel: wp.array2
     """Let the contacts of each world collide, all at once: no contact parts slower than its target,
     those that part faster have no impulse, and friction stays within Coulomb's.
 
-    found: dimension of each contact, 1 without friction. friction: coefficients of each contact,
-    the first two along its tangents. room: contacts of a world, linked from `first` by `following`
-    until -1, with their rates and targets, m/s. Impulses, N s, never add energy. Velocities after
-    them are written to `qvel`, shape (worlds, velocities).
+    found: dimension of each contact, 1 without friction.
+    friction: coefficients of each contact, the first two along its tangents.
+    room: contacts of a world, linked from `first` by `following` until -1, with their rates and
+    targets, m/s.
+    Impulses, N s, never add energy. Velocities after them are written to `qvel`, shape (worlds,
+    velocities).
 
     A block of threads, of one on a CPU, has a world. Its lanes share out the velocities, and find
     the same impulses.
@@ -583,8 +637,11 @@ def settle(
     The spring is that of the model, with the damping that makes it critical at least. It gives
     depth back no faster than what counts as rest, but bears its load.
 
-    solimp: impedance of each contact, the first number at no depth. timesteps: s, of each world or
-    one for all. qvel: velocities after the impulses, (worlds, nv).
+    found: the contacts; changed.
+    room: rates and loads of the contacts.
+    solimp: impedance of each contact, the first number at no depth.
+    timesteps: s, of each world or one for all.
+    qvel: velocities after the impulses, (worlds, nv).
     """
     i = wp.tid()
     if i >= found.count[0] or room.law[i] < 0:

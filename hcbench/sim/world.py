@@ -32,7 +32,8 @@ class Record:
     penetration: above 0 in contact.
     rate: of penetration, above 0 on approach.
     force: the normal contact force that acts in the step, above 0 where it parts the two; exactly 0
-    where the contact did not act. All three are NaN from the step on at which the engine gave up.
+    where the contact did not act.
+    All three are NaN from the step on at which the engine gave up.
 
     tangential: the motion along the plate, (8, b, n): slip 2 m/s, spin 3 rad/s, friction 2 N, and
     the kinetic energy without that of the approach, J. None where no launch is oblique, or from an
@@ -60,9 +61,11 @@ def momentum_force(
     """Normal force of each step from the change of momentum, N; exactly 0 where the change is not
     more than round-off, so that the contact did nothing.
 
-    mass: kg. timestep: s.
-    slowed: speed into the plate that the contact took in the step, m/s. speeds: sum of the absolute
-    values of all speeds in that difference, m/s, by which round-off is judged; both of one shape.
+    mass: kg.
+    timestep: s.
+    slowed: speed into the plate that the contact took in the step, m/s.
+    speeds: sum of the absolute values of all speeds in that difference, m/s, by which round-off is
+    judged; both of one shape.
     bits: of the engine's numbers, 32 or 64.
     """
     noise = ROUND_OFF_STEP * float(np.finfo(f"f{bits // 8}").eps) * speeds

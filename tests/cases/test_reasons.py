@@ -121,6 +121,15 @@ def test_without_its_cause_a_case_passes(engine: str, case: str) -> None:
     assert verdict["verdict"] == "pass", verdict["why"]
 
 
+def test_two_alike_surfaces_of_dart_bounce_with_the_restitution_of_the_pair() -> None:
+    pytest.importorskip("dartpy")
+    adapter = runpy.run_path(str(adapters()["dart"]))
+    cases = the_cases(["C11"])  # two balls of one restitution
+    (verdict,) = judge(run(adapter["DartBodies"](), cases), cases)
+    measured, true, _ = verdict["worst"]["restitution"]
+    assert measured == pytest.approx(true, abs=1e-9)  # of states in nine digits
+
+
 # Of the engines with an environment of their own: case, and place in ENGINES of tests/support/cured_*.
 CURED: dict[tuple[str, str], int] = {
     ("newton-xpbd", "C03"): 0,

@@ -54,7 +54,8 @@ class DartBodies:
         """Make a body of DART at its start, welded to the world or on a free joint: its body node and
         its skeleton.
 
-        name: of the skeleton. body: of a case, SI: position, velocity, spin, mass, or fixed.
+        name: of the skeleton.
+        body: of a case, SI: position, velocity, spin, mass, or fixed.
         """
         skeleton = dart.dynamics.Skeleton(name)
         at = np.array(body["position"]) * self.length
@@ -84,16 +85,15 @@ class DartBodies:
     def _shape(node: Any, solid: Any, e: float, friction: float) -> Any:
         """Give a body node a shape that collides, and return the shape node.
 
-        solid: DART's shape. e: restitution of its surface, which DART multiplies with that of the
-        other. friction: of its surface.
+        solid: DART's shape.
+        e: restitution of its surface, which DART multiplies with that of the other.
+        friction: of its surface.
         """
         shape = node.createShapeNode(solid)
         shape.createVisualAspect()
         shape.createCollisionAspect()
         shape.createDynamicsAspect()
-        # Constraint force mixing of 1e-5 is built in, and lowers e.
-        own = min(1.0, (1.0 + e) * (1.0 + 1e-5) - 1.0) if e else 0.0
-        shape.getDynamicsAspect().setRestitutionCoeff(own)
+        shape.getDynamicsAspect().setRestitutionCoeff(coefficient(e))
         shape.getDynamicsAspect().setFrictionCoeff(friction)
         return shape
 
@@ -109,6 +109,21 @@ class DartBodies:
                 [*at, *node.getLinearVelocity() / self.length, *node.getAngularVelocity()]
             )
         return states
+
+
+def coefficient(e: float) -> float:
+    """The restitution to set of a surface, 0 to 1, so that two such surfaces bounce with e².
+
+    e: restitution of the surface, the root of that of a pair of them.
+    DART's constraint force mixing of 1e-5 is built in: surfaces whose coefficients multiply to p
+    bounce with (1 + p)/(1 + 1e-5) - 1. Of two unlike surfaces, a and b, the bounce is too strong
+    by 1e-5 (a - b)²/(2 a b). Above 1, which DART does not take, it is 1.
+    """
+    # Without a restitution no coefficient is set: it would be that of the mixing, 0.003.
+    if e == 0.0:
+        return 0.0
+    product = (1.0 + e**2) * (1.0 + 1e-5) - 1.0
+    return min(1.0, math.sqrt(product))
 
 
 class DartStock(DartBodies):

@@ -24,7 +24,8 @@ class DrakeBodies:
         """Build a discrete plant, its bodies at their start.
 
         world: in SI units: timestep, gravity, friction, restitution, bodies, and floor, true or
-        false. Raises NotImplementedError for a restitution other than 0, and for meshes.
+        false.
+        Raises NotImplementedError for a restitution other than 0, and for meshes.
         """
         if world.get("restitution") != 0.0:
             raise NotImplementedError("has no restitution: its loss depends on the speed")
@@ -72,7 +73,9 @@ class DrakeBodies:
     def _body(self, plant: Any, name: str, body: dict[str, Any]) -> Any:
         """Add a body with its shape to a plant, and return it.
 
-        name: in the plant. body: of the case, SI. Boxes touch by patches, spheres by a point.
+        name: in the plant.
+        body: of the case, SI.
+        Boxes touch by patches, spheres by a point.
         Raises NotImplementedError for a mesh.
         """
         shape: Any

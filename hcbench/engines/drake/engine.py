@@ -69,7 +69,8 @@ class DrakeEngine(DescribesContact, OpensFiles, ScriptedEngine[DrakeOptions]):
         """Lines of Python that build a plant with the contact or the law of a setting, and a
         Simulator that steps it.
 
-        options: the setting's. scene: not used: its numbers are names that the lines find.
+        options: the setting's.
+        scene: not used: its numbers are names that the lines find.
         """
         plant, contact, integrator = _parts(options, "timestep")
         before = ""

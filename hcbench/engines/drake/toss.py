@@ -44,8 +44,10 @@ def simulate(
     after each, (steps + 1, 13), an array a toss: position, quaternion w x y z, velocity and spin in
     the world, SI.
 
-    values: of the setting's parameters, SI, in its order. timestep: s. tosses: starts, each with
-    its number of steps. Raises EngineFailed where Drake fails.
+    values: of the setting's parameters, SI, in its order.
+    timestep: s.
+    tosses: starts, each with its number of steps.
+    Raises EngineFailed where Drake fails.
     """
     given = setting.named(values)
     with foreign_errors("drake"):
@@ -67,9 +69,11 @@ def _add(
 ) -> None:
     """Add body and plate with their contact to a plant.
 
-    drake: the module pydrake.all. plant: changed. body: shape, mass and inertia of what is tossed.
-    setting: kind of contact: a spring and a dissipation, or no more than friction. given: its
-    parameters by name, SI.
+    drake: the module pydrake.all.
+    plant: changed.
+    body: shape, mass and inertia of what is tossed.
+    setting: kind of contact: a spring and a dissipation, or no more than friction.
+    given: its parameters by name, SI.
     """
     turning = drake.RotationalInertia(*body.inertia)
     inertia = drake.SpatialInertia.MakeFromCentralInertia(body.mass, [0, 0, 0], turning)
@@ -104,8 +108,9 @@ def _simulate(
     quaternion w x y z, velocity and spin, SI.
 
     simulator, plant, logger: Drake's, of one diagram; the logger keeps the plant's state at each
-    step. timestep: s. Drake itself has the quaternion before the place, and the spin before the
-    velocity.
+    step.
+    timestep: s.
+    Drake itself has the quaternion before the place, and the spin before the velocity.
     """
     context = simulator.get_mutable_context()
     context.SetTime(0.0)

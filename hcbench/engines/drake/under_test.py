@@ -48,11 +48,14 @@ _FINEST = 30
 class DrakeModel(ModelUnderTest):
     """A plant of a user's files with a pair in it, measured by Drake's own Simulator.
 
-    drake: the module pydrake.all. version: of Drake.
+    drake: the module pydrake.all.
+    version: of Drake.
     source: one path or several.
     changes: what fixes have set, "timestep" (s) and "dissipation" (s/m); {} for the model as it is.
-    loaded: the plant. root, context: Drake's contexts of the diagram and, in it, of the plant.
-    place: of the pair at touch. others: names of what else touched the two.
+    loaded: the plant.
+    root, context: Drake's contexts of the diagram and, in it, of the plant.
+    place: of the pair at touch.
+    others: names of what else touched the two.
 
     Raises UserError or SceneError with the reason where the pair cannot be measured.
     """
@@ -64,9 +67,11 @@ class DrakeModel(ModelUnderTest):
     ) -> None:
         """Load the files and bring the pair to touch.
 
-        drake: the module pydrake.all. version: of Drake. source: one path or several. changes: what
-        fixes have set, {} for none. Raises UserError or SceneError where the pair cannot be
-        measured.
+        drake: the module pydrake.all.
+        version: of Drake.
+        source: one path or several.
+        changes: what fixes have set, {} for none.
+        Raises UserError or SceneError where the pair cannot be measured.
         """
         _require_normal_launches(request)
         # To make the model again with other changes.
@@ -157,8 +162,9 @@ class DrakeModel(ModelUnderTest):
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """Return settings that may keep this pair from bouncing as `wanted`, likeliest first.
 
-        impacts: of the launches. wanted: e over speed; None where the user named none. A
-        hydroelastic pair is suspected only of gain, few steps and other contacts.
+        impacts: of the launches.
+        wanted: e over speed; None where the user named none. A hydroelastic pair is suspected only
+        of gain, few steps and other contacts.
         """
         step = diagnose.StepFix(
             self.timestep, "time_step={} of the plant, or --timestep", _set_step
@@ -279,7 +285,8 @@ class DrakeSimulation(Simulation):
         """Put the pair where the launch begins, at its speed: in contexts of Drake's that are this
         launch's own.
 
-        model: with its pair at touch; it keeps the names of what else touches. launch: normal.
+        model: with its pair at touch; it keeps the names of what else touches.
+        launch: normal.
         """
         self._model = model
         self._loaded = model.loaded
@@ -354,8 +361,9 @@ class DrakeSimulation(Simulation):
         """Share of one contact in the force that parts the pair, N: 0 for a contact of others; if one
         of the pair touches another shape, the model under test notes that.
 
-        shapes: ids of the two that touch. force: on the first of them, N, (3,). normal: unit vector
-        from the pair's first part to the second, (3,).
+        shapes: ids of the two that touch.
+        force: on the first of them, N, (3,).
+        normal: unit vector from the pair's first part to the second, (3,).
         """
         first = self._place.first.geometries
         second = self._place.second.geometries
@@ -375,8 +383,9 @@ def list_pairs(drake: Any, source: Any, request: Request) -> list[CandidatePair]
     """List every pair of shapes that can meet, in each the one that moves first; pairs that touch
     come first.
 
-    drake: the module pydrake.all. source: one path or several. Raises SceneError for files that do
-    not load, UserError for a pose that does not fit.
+    drake: the module pydrake.all.
+    source: one path or several.
+    Raises SceneError for files that do not load, UserError for a pose that does not fit.
     """
     loaded = LoadedPlant(drake, source, request, {})
     root = loaded.diagram.CreateDefaultContext()
@@ -401,8 +410,9 @@ def _described(loaded: LoadedPlant, context: Any, first: Part, second: Part) -> 
     """Describe a pair of single shapes in a pose: names, effective mass (kg), signed distance (m) and
     contact parameters.
 
-    context: Drake's, of the plant. first, second: parts of one geometry each. Mass, kg, and
-    distance, m, are NaN where Drake does not know the distance.
+    context: Drake's, of the plant.
+    first, second: parts of one geometry each. Mass, kg, and distance, m, are NaN where Drake does
+    not know the distance.
     """
     distance = math.nan  # m
     mass = math.nan  # kg

@@ -74,8 +74,9 @@ class LoadedPlant:
     ) -> None:
         """Load the files, and finish the plant with the request's step and gravity.
 
-        source: one path or several. changes: what fixes have set, "timestep" (s) and "dissipation"
-        (s/m); {} for none. Raises SceneError for a file that is missing or that Drake refuses.
+        source: one path or several.
+        changes: what fixes have set, "timestep" (s) and "dissipation" (s/m); {} for none.
+        Raises SceneError for a file that is missing or that Drake refuses.
         """
         sources = source if isinstance(source, list | tuple) else [source]
         paths = [Path(path) for path in sources]
@@ -186,6 +187,7 @@ class LoadedPlant:
     def nearest(self, context: Any, first: Part, second: Part) -> Gap:
         """Find the nearest points of two parts, over all their shapes.
 
+        first, second: the two parts; the normal leads from the first to the second.
         context: the plant's. Raises UserError if Drake filters their contact or does not know the
         distance of two shapes.
         """
@@ -201,8 +203,9 @@ class LoadedPlant:
     def _gap(self, query: Any, a: Any, b: Any) -> Gap:
         """Nearest points of two shapes, and their distance.
 
-        query: Drake's QueryObject of the pose. a, b: ids of the shapes; the normal leads from a to
-        b. Raises UserError where Drake does not know their distance.
+        query: Drake's QueryObject of the pose.
+        a, b: ids of the shapes; the normal leads from a to b.
+        Raises UserError where Drake does not know their distance.
         """
         half_space = self.drake.HalfSpace
         # Drake knows the distance of spheres only from half-spaces.
@@ -229,8 +232,10 @@ class LoadedPlant:
         """Signed distance, m, of a shape over a half-space, the ground's normal, (3,), and the
         midpoint between the two nearest points, m, (3,).
 
-        query: Drake's QueryObject of the pose. shape, ground: ids of the two. Raises UserError for
-        a kind of shape whose farthest point along a direction hcbench does not know.
+        query: Drake's QueryObject of the pose.
+        shape, ground: ids of the two.
+        Raises UserError for a kind of shape whose farthest point along a direction hcbench does not
+        know.
         """
         ground_pose = query.GetPoseInWorld(ground)
         pose = query.GetPoseInWorld(shape)
@@ -355,8 +360,9 @@ class PlacedPair:
 def set_pose(loaded: LoadedPlant, context: Any, request: Request) -> None:
     """Put joints where the request says.
 
-    context: the plant's; changed. Raises UserError for a keyframe, which Drake does not read, for
-    unknown joints and for another number of values.
+    context: the plant's; changed.
+    Raises UserError for a keyframe, which Drake does not read, for unknown joints and for another
+    number of values.
     """
     plant = loaded.plant
     if request.key is not None:
@@ -386,8 +392,9 @@ def approach_row(loaded: LoadedPlant, context: Any, pair: tuple[Part, Part], gap
     """Jacobian J of the approach rate of two parts, (nv,): J @ v is the rate, m/s, at which their
     material points at the contact approach.
 
-    context: the plant's, with the pose. pair: the two parts. gap: their nearest points, with the
-    normal from the first part to the second.
+    context: the plant's, with the pose.
+    pair: the two parts.
+    gap: their nearest points, with the normal from the first part to the second.
     """
     plant = loaded.plant
     world = plant.world_frame()
@@ -495,7 +502,8 @@ def _direction(loaded: LoadedPlant, context: Any, row: Floats, dofs: list[int]) 
     """Velocity with which a mover makes the pair approach at 1 m/s, (nv,): for translations the
     smallest one, for a whole robot that by a push; None where it does not lead to the other part.
 
-    row: Jacobian of the approach rate, (nv,). dofs: indices of the velocities that may change.
+    row: Jacobian of the approach rate, (nv,).
+    dofs: indices of the velocities that may change.
     """
     # A plant of 1 or 3 velocities is taken for a slide or three of them, not for a robot.
     moves_all = len(dofs) == len(row) and len(row) not in (1, 3)
@@ -518,9 +526,11 @@ def _touch(
     """Move a part until it touches the other, and return their nearest points there; None where the
     mover does not bring them together.
 
-    context: the plant's; it ends at touch. pair: the moving part first. dofs: indices of the
-    velocities that may change. Raises UserError for two parts that Drake does not let collide, or
-    whose distance it does not know.
+    context: the plant's; it ends at touch.
+    pair: the moving part first.
+    dofs: indices of the velocities that may change.
+    Raises UserError for two parts that Drake does not let collide, or whose distance it does not
+    know.
     """
     for _ in range(_ROUNDS):
         gap = loaded.nearest(context, *pair)
@@ -553,9 +563,12 @@ def _placed(
     """Describe a pair at touch as it is to be launched: direction, effective mass and acceleration of
     the approach.
 
-    context: the plant's, at touch. pair: the moving part first. dofs: indices of the velocities
-    that move it. words: a phrase for them. gap: the nearest points. overlap: of the two at the
-    start, m.
+    context: the plant's, at touch.
+    pair: the moving part first.
+    dofs: indices of the velocities that move it.
+    words: a phrase for them.
+    gap: the nearest points.
+    overlap: of the two at the start, m.
     """
     plant = loaded.plant
     row = approach_row(loaded, context, pair, gap)

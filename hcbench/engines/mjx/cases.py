@@ -44,8 +44,9 @@ class MjxWorlds:
         """Build a model as MuJoCo's adapter does, and keep it for a step of all worlds at once.
 
         world: in SI units: timestep, gravity, friction, restitution, bodies, and floor, true or
-        false. Raises NotImplementedError for `materials`, restitutions of a material each, and in
-        the stock setting for an e above 0.
+        false.
+        Raises NotImplementedError for `materials`, restitutions of a material each, and in the
+        stock setting for an e above 0.
         """
         super().make(world)  # type: ignore[misc]
         # MJX has no elliptic cone without friction.

@@ -51,7 +51,8 @@ class _Touch(NamedTuple):
     """Contacts of a world, n of them, as its laws see them.
 
     law: number of each contact's pair; -1 of contacts that touch nothing or have no law.
-    depth: m. friction: Coulomb's coefficients along both tangents, (n, 2).
+    depth: m.
+    friction: Coulomb's coefficients along both tangents, (n, 2).
     rows: rates over velocities, (n, 3, nv); the first of each is along the normal, apart above 0.
     moves: M⁻¹ of the rows, (n, 3, nv).
     """
@@ -119,7 +120,8 @@ def _forward(laws: Laws, model: Any, data: Any, values: Any) -> Any:
     """MJX's forward dynamics with the impacts at its start: the data with forces and accelerations
     of the step.
 
-    model, data: MJX's. values: α or e of each law, (laws,).
+    model, data: MJX's.
+    values: α or e of each law, (laws,).
     """
     from mujoco import mjx
 
@@ -146,8 +148,11 @@ def _collide(laws: Laws, model: Any, before: Any, data: Any, values: Any) -> Any
     """Let contacts collide: data with the velocities after it, and with contacts whose rows only
     let them rest.
 
-    model: MJX's. before: the data with the forces of the step before. data: that with the positions
-    and contacts of this one. values: α or e of each law.
+    laws: of all pairs.
+    model: MJX's.
+    before: the data with the forces of the step before.
+    data: that with the positions and contacts of this one.
+    values: α or e of each law.
     """
     import jax.numpy as jnp
 
@@ -208,9 +213,11 @@ def _loads(model: Any, touch: _Touch, before: Any, data: Any) -> Any:
     """Accelerations that each contact bears, or would have without its own force, m/s², (n,): of
     the weight of either body alone, and of all other forces of the step before.
 
-    model: MJX's. touch: the contacts of this step. before, data: MJX's data of the step before, and
-    of this one. A foot may be pressed through a joint's limit, a body by others that lie on it: of
-    that, gravity and motors alone tell nothing.
+    model: MJX's.
+    touch: the contacts of this step.
+    before, data: MJX's data of the step before, and of this one.
+    A foot may be pressed through a joint's limit, a body by others that lie on it: of that, gravity
+    and motors alone tell nothing.
     """
     import jax.numpy as jnp
 
@@ -232,7 +239,8 @@ def _loads(model: Any, touch: _Touch, before: Any, data: Any) -> Any:
 def _normal_forces(model: Any, data: Any) -> Any:
     """Forces along the normals of all contacts in the last step, N, (n,).
 
-    model, data: MJX's, after that step. A contact has the same place in every step.
+    model, data: MJX's, after that step.
+    A contact has the same place in every step.
     """
     import jax.numpy as jnp
     from mujoco import mjx
@@ -262,10 +270,15 @@ def _targets(
     """(rates at which contacts part at least, the half step's push by which they are shifted), m/s,
     (n,) each.
 
-    values: α or e of each law. approach: v, m/s. presses: b, m/s². calm: speed that counts as rest,
-    m/s. timestep: h, s.
-    Steps that move by the new velocity keep U² = (v + b h/2)² - 2 b x in flight, U the speed at the
-    touch plane x = 0, which e is of. A contact that touched before this step has the e of v.
+    laws: of all pairs.
+    touch: the contacts, n of them.
+    values: α or e of each law.
+    approach: v, m/s.
+    presses: b, m/s².
+    calm: speed that counts as rest, m/s.
+    timestep: h, s. Steps that move by the new velocity keep U² = (v + b h/2)² - 2 b x in flight, U
+    the speed at the touch plane x = 0, which e is of. A contact that touched before this step has
+    the e of v.
     """
     import jax.numpy as jnp
 
@@ -295,7 +308,9 @@ def _impulses(touch: _Touch, rates: Any, target: Any) -> Any:
     """Impulses along the rows, N s, (n, 3): no contact parts slower than its target, those that part
     faster have none, and friction stays within Coulomb's. They never add energy.
 
-    rates: before them, m/s, (n, 3). target: m/s, (n,).
+    touch: the contacts, n of them.
+    rates: before them, m/s, (n, 3).
+    target: m/s, (n,).
     """
     import jax
     import jax.numpy as jnp
@@ -360,9 +375,13 @@ def _resting(contact: Any, touch: _Touch, parts: Any, load: Any, timestep: Any) 
     """Contacts for MJX's own rows: those of a law that part have none, and those that rest do not
     bounce by their spring.
 
-    contact: MJX's. parts: which of them part, (n,). load: of each, m/s². timestep: s. The spring is
-    that of the model, with the damping that makes it critical at least. It gives depth back no
-    faster than what counts as rest, but bears its load.
+    touch: the contacts, n of them, as the laws see them.
+    contact: MJX's.
+    parts: which of them part, (n,).
+    load: of each, m/s².
+    timestep: s.
+    The spring is that of the model, with the damping that makes it critical at least. It gives
+    depth back no faster than what counts as rest, but bears its load.
     """
     import jax.numpy as jnp
 

@@ -106,7 +106,8 @@ class MjxEngine(DescribesContact, SharedModelEngine):
     ) -> MjxCopies:
         """Make copies of a model that one vmap steps together.
 
-        model: MjModel. start: MjData with what states leave out, such as controls.
+        model: MjModel.
+        start: MjData with what states leave out, such as controls.
         bits: 32 or 64; 0 for JAX's own.
         law: lines of the step function; "" for MJX's own step.
         radius: of the ball, m.
@@ -148,7 +149,8 @@ class MjxEngine(DescribesContact, SharedModelEngine):
         """Set the process's options of JAX, and return the bits of its numbers: the threads of a CPU,
         the precision, and in a worker process the folder in which compiled functions are kept.
 
-        bits: 32 or 64; 0 for JAX's own. device: as of `copies`.
+        bits: 32 or 64; 0 for JAX's own.
+        device: as of `copies`.
         """
         # The number of threads must be set before MJX starts XLA.
         if device == "cpu" and in_worker():
@@ -193,8 +195,10 @@ class MjxEngine(DescribesContact, SharedModelEngine):
 class _Functions(NamedTuple):
     """Compiled functions of copies of one model.
 
-    place: puts them into states. place_balls: puts balls at heights, with velocities upwards.
-    run: takes steps and records them. read: takes steps and reads impacts instead.
+    place: puts them into states.
+    place_balls: puts balls at heights, with velocities upwards.
+    run: takes steps and records them.
+    read: takes steps and reads impacts instead.
     """
 
     place: Any
@@ -211,8 +215,9 @@ class MjxCopies(Copies):
     def __init__(self, model: Any, empty: Any, bits: int, functions: _Functions) -> None:
         """Keep a model, its data, and the compiled functions that step its copies.
 
-        model, empty: MJX's Model, and Data at the start, both on the device. bits: of their
-        numbers, 32 or 64. functions: of this model's kind.
+        model, empty: MJX's Model, and Data at the start, both on the device.
+        bits: of their numbers, 32 or 64.
+        functions: of this model's kind.
         """
         self.bits = bits
         self._model = model
@@ -251,8 +256,9 @@ def _compiled(step_text: str, radius: float, bits: int, own: Any) -> _Functions:
     """Compile the functions of copies of a model. They are kept for each law, radius, precision and
     model.
 
-    step_text: lines that define `step(model, data)`. radius: of the ball, m. bits: 32 or 64; not
-    used here, but the compiled functions of each are kept apart.
+    step_text: lines that define `step(model, data)`.
+    radius: of the ball, m.
+    bits: 32 or 64; not used here, but the compiled functions of each are kept apart.
     own: the MjModel that the lines of a law e(v) read; None for other lines.
     """
     import jax
@@ -290,7 +296,8 @@ def _compiled(step_text: str, radius: float, bits: int, own: Any) -> _Functions:
         """Take up to `most` steps, or until at most `fewest` balls go on, and return MJX's Data and the
         reading of each ball then.
 
-        rule: when a launch ends, as the fields of a `Rule`. reading: of each ball so far.
+        rule: when a launch ends, as the fields of a `Rule`.
+        reading: of each ball so far.
         """
 
         def goes_on(carry: Any) -> Any:

@@ -41,7 +41,8 @@ def backend() -> Any:
 def has_feature(mujoco: Any, feature: str) -> bool:
     """Return whether a MuJoCo has a feature.
 
-    mujoco: the module. feature: a key of `_FEATURES`, such as "adhesion".
+    mujoco: the module.
+    feature: a key of `_FEATURES`, such as "adhesion".
     """
     owner, attribute, _ = _FEATURES[feature]
     # The class that has it, or the module itself.
@@ -63,7 +64,8 @@ def can_pull(version: tuple[int, ...]) -> bool:
 def require_feature(mujoco: Any, feature: str) -> None:
     """Raise EngineMissing for a MuJoCo that is too old for a feature.
 
-    mujoco: the module. feature: a key of `_FEATURES`, such as "adhesion".
+    mujoco: the module.
+    feature: a key of `_FEATURES`, such as "adhesion".
     """
     _, _, since = _FEATURES[feature]
     if not has_feature(mujoco, feature):

@@ -23,7 +23,8 @@ class MujocoBodies:
         """Attributes of a <pair>, as text, that make it bounce with a restitution e.
 
         friction: the pair's coefficient. The text does not hold it: it only says whether there is
-        any, as then the impedance is `impedance_beside_friction`. h: the step, s.
+        any, as then the impedance is `impedance_beside_friction`.
+        h: the step, s.
         """
         if e == 0:
             # MuJoCo's default solref, which hardly bounces, and carries weights.
@@ -42,8 +43,9 @@ class MujocoBodies:
         """Compile a model, its bodies at their start, with a <pair> of every two that can meet.
 
         world: in SI units: timestep, gravity, friction, restitution, bodies, and floor, true or
-        false. Raises NotImplementedError for `materials`, restitutions of a material each, and in
-        the stock setting for an e above 0.
+        false.
+        Raises NotImplementedError for `materials`, restitutions of a material each, and in the
+        stock setting for an e above 0.
         """
         if "materials" in world:
             raise NotImplementedError("has no restitution of a material")

@@ -162,8 +162,9 @@ class MujocoEngine(
     def snippet(self, setting: Setting, form: str, pair: Pair = PAIR) -> str:
         """Return the MJCF of a setting, to paste: its rows or its law, else its options as text.
 
-        form: "cup" for limits of a tendon, else <pair>s. pair: names of the two geoms. Raises
-        SettingError for an option that MuJoCo does not have.
+        form: "cup" for limits of a tendon, else <pair>s.
+        pair: names of the two geoms.
+        Raises SettingError for an option that MuJoCo does not have.
         """
         if "law" not in setting.options:
             rows = mjcf.rows_snippet(setting, form, pair) if setting.options.get("rows") else ""
@@ -181,8 +182,9 @@ class MujocoEngine(
     def promised(self, text: str, pair: Pair, promise: Promise) -> str:
         """The text of a setting with a <custom> section that states its promise.
 
-        text: a snippet or a whole model. Returned unchanged where it has neither a <pair> nor a
-        plug-in, or where no text can state the promise's target.
+        text: a snippet or a whole model.
+        Returned unchanged where it has neither a <pair> nor a plug-in, or where no text can state
+        the promise's target.
         """
         from hcbench.engines.mujoco.model.promises import promise_lines
 
@@ -256,7 +258,8 @@ class MujocoEngine(
         """The setting with friction in its force law, or in each of its rows.
 
         friction: Coulomb's μ. Unchanged where a row already has some, and without rows or such a
-        law. Raises SettingError for an option that MuJoCo does not have.
+        law.
+        Raises SettingError for an option that MuJoCo does not have.
         """
         law = read_options(setting.options).law
         if law is not None and is_force(law):
@@ -271,8 +274,9 @@ class MujocoEngine(
         """The setting for bodies that land on several points at once, as an option of its rows;
         unchanged for one point, and without rows.
 
-        corners: number of points n. A flat body that lands on n points by symmetry moves as one
-        that meets n times at its centre: so each row is there n times.
+        corners: number of points n.
+        A flat body that lands on n points by symmetry moves as one that meets n times at its
+        centre: so each row is there n times.
         """
         if corners == 1 or not setting.options.get("rows"):
             return setting
@@ -335,9 +339,10 @@ class MujocoEngine(
     ) -> MujocoModel:
         """Open a user's model with its pair at touch.
 
-        source: a path, an MjModel, an MjSpec, MJCF text, or a state as it stands. rebuild: unused,
-        as MuJoCo copies a state. Raises UserError, with SceneError and QuantityError among its
-        kinds, where the model does not open or its pair cannot be measured.
+        source: a path, an MjModel, an MjSpec, MJCF text, or a state as it stands.
+        rebuild: unused, as MuJoCo copies a state.
+        Raises UserError, with SceneError and QuantityError among its kinds, where the model does
+        not open or its pair cannot be measured.
         """
         from hcbench.engines.mujoco.model.open import load as load_user_model
         from hcbench.engines.mujoco.model.under_test import MujocoModel
@@ -352,8 +357,10 @@ class MujocoEngine(
     ) -> list[CandidatePair]:
         """Pairs of geoms of a user's model that may collide, those that touch at the start first.
 
-        source: a path, an MjModel, an MjSpec, MJCF text, or a state as it stands. request: the
-        pose. rebuild: unused. Raises UserError for a URDF without any, and what opening raises.
+        source: a path, an MjModel, an MjSpec, MJCF text, or a state as it stands.
+        request: the pose.
+        rebuild: unused.
+        Raises UserError for a URDF without any, and what opening raises.
         """
         from hcbench.engines.mujoco.model.find_pair import list_pairs
         from hcbench.engines.mujoco.model.open import load as load_user_model
@@ -378,12 +385,16 @@ class MujocoEngine(
     ) -> Iterable[ModelSetting]:
         """Settings to try, each <pair> elements for all pairs, the simplest first.
 
-        source: a path, MJCF text or an MjSpec. requests: of the pairs. goal: e over speed. was: how
-        the model stands as it is. rebuild: unused. version: of MuJoCo that has to load them; () for
-        any. Raises, at the call, UserError for several files; as the settings are tried, what
-        `tune_model.model_settings` raises: SceneError for a model that does not compile, UserError
-        where a pair cannot be measured, the model cannot be written or no <pair> keeps its e, and
-        SearchInterrupted with the best so far.
+        source: a path, MJCF text or an MjSpec.
+        requests: of the pairs.
+        goal: e over speed.
+        was: how the model stands as it is.
+        rebuild: unused.
+        version: of MuJoCo that has to load them; () for any. Raises, at the call, UserError for
+        several files; as the settings are tried, what `tune_model.model_settings` raises:
+        SceneError for a model that does not compile, UserError where a pair cannot be measured, the
+        model cannot be written or no <pair> keeps its e, and SearchInterrupted with the best so
+        far.
         """
         from hcbench.engines.mujoco.model.tune_model import model_settings
 
@@ -397,9 +408,12 @@ class MujocoEngine(
     ) -> Iterable[ContactFamily]:
         """Families of <pair> elements whose numbers differ from world to world.
 
-        source: a path, MJCF text or an MjSpec. requests: one a pair. rebuild: unused. Raises, at
-        the call, UserError for several files; as they are made, SceneError for a model that does
-        not compile and UserError where a pair cannot be measured or no <pair> keeps its e.
+        source: a path, MJCF text or an MjSpec.
+        requests: one a pair.
+        rebuild: unused.
+        Raises, at the call, UserError for several files; as they are made, SceneError for a model
+        that does not compile and UserError where a pair cannot be measured or no <pair> keeps its
+        e.
         """
         from hcbench.engines.mujoco.model.worlds import families
 
@@ -414,8 +428,10 @@ class MujocoEngine(
         """Open a user's model so that the contact of its pair can be changed: with a <pair> for
         every two geoms of the pair.
 
-        source: a path, MJCF text or an MjSpec. request: the pair. rebuild: unused. Raises UserError
-        for several files, SceneError for a model that does not compile, and what
+        source: a path, MJCF text or an MjSpec.
+        request: the pair.
+        rebuild: unused.
+        Raises UserError for several files, SceneError for a model that does not compile, and what
         `vary.VariedPair` raises else.
         """
         from hcbench.engines.mujoco.model.vary import VariedPair
@@ -431,9 +447,10 @@ class MujocoEngine(
     ) -> Landings:
         """Drop a robot over parts of the world, from each height and tilt of `drops`.
 
-        source: a path, an MjModel, an MjSpec, MJCF text, or a state as it stands. request: the pose
-        and conditions. rebuild: unused. Raises UserError where the model has no such robot,
-        EngineFailed where it diverges.
+        source: a path, an MjModel, an MjSpec, MJCF text, or a state as it stands.
+        request: the pose and conditions.
+        rebuild: unused.
+        Raises UserError where the model has no such robot, EngineFailed where it diverges.
         """
         from hcbench.engines.mujoco.model.landing import land
         from hcbench.engines.mujoco.model.open import load as load_user_model
@@ -467,9 +484,10 @@ class MujocoEngine(
     ) -> Standing:
         """Measure how a user's model stands, in plain steps of the model.
 
-        source: a path, an MjModel, an MjSpec, MJCF text, or a state as it stands. setting: that is
-        written into it; None: as it is. requests: of its pairs. Raises UserError where a pair
-        cannot be brought to touch.
+        source: a path, an MjModel, an MjSpec, MJCF text, or a state as it stands.
+        setting: that is written into it; None: as it is.
+        requests: of its pairs.
+        Raises UserError where a pair cannot be brought to touch.
         """
         from hcbench.engines.mujoco.model.standing import standing
 
@@ -490,10 +508,11 @@ class MujocoEngine(
     ) -> DropTest:
         """Drop a robot that falls over parts of the world, and judge how it lands.
 
-        source: a path, MJCF text, an MjModel or an MjSpec. requests: of the pairs of its feet. like:
-        a test whose length this one takes; None: long enough to come to rest. until_worse: one drop
-        is enough where something is worse in it than in all of `like`. Raises UserError where the
-        pairs are not of a robot that can fall.
+        source: a path, MJCF text, an MjModel or an MjSpec.
+        requests: of the pairs of its feet.
+        like: a test whose length this one takes; None: long enough to come to rest.
+        until_worse: one drop is enough where something is worse in it than in all of `like`.
+        Raises UserError where the pairs are not of a robot that can fall.
         """
         from hcbench.engines.mujoco.model.drop_test import landing
 
@@ -503,8 +522,10 @@ class MujocoEngine(
         """Peak forces of drops of the pair's moving body, with all that hangs on it, over its
         weight.
 
-        source: a path, MJCF text or an MjSpec. request: of the pair. Returns () where the body
-        cannot fall on what stands still, and for a MuJoCo without contact sensors.
+        source: a path, MJCF text or an MjSpec.
+        request: of the pair.
+        Returns () where the body cannot fall on what stands still, and for a MuJoCo without contact
+        sensors.
         """
         from hcbench.engines.mujoco.model.drop_test import landing_peaks
 
@@ -543,9 +564,11 @@ def _one_file(source: Any) -> Any:
 def _pool(scene: Scene, timestep: float, options: Options) -> BatchPool:
     """The pool of a scene under a setting, compiled, or the one that was made for it before.
 
-    timestep: s. options: the setting's. Compiled again if the scene's file has changed or names
-    others. Raises SettingError for friction or adhesion in a cup, SceneError for a model that is
-    not what the scene says, EngineMissing for a MuJoCo that is too old.
+    timestep: s.
+    options: the setting's.
+    Compiled again if the scene's file has changed or names others.
+    Raises SettingError for friction or adhesion in a cup, SceneError for a model that is not what
+    the scene says, EngineMissing for a MuJoCo that is too old.
     """
     try:
         written = mjcf.model_path(scene).read_bytes()

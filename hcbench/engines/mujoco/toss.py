@@ -57,11 +57,12 @@ def simulate(
     """Simulate tosses of a body onto a plate by MuJoCo's Euler integrator: states before the first
     step and after each, (steps + 1, 13), an array a toss.
 
-    values: of the setting's parameters, SI, in its order. timestep: s. tosses: motions to start
-    from, each with its number of steps.
-    A state is position, quaternion w x y z, velocity and spin, SI, in the world. Raises
-    SettingError for numbers that a plug-in's law does not take, EngineMissing or EngineFailed
-    without MuJoCo.
+    values: of the setting's parameters, SI, in its order.
+    timestep: s.
+    tosses: motions to start from, each with its number of steps. A state is position, quaternion w
+    x y z, velocity and spin, SI, in the world.
+    Raises SettingError for numbers that a plug-in's law does not take, EngineMissing or
+    EngineFailed without MuJoCo.
     """
     mujoco = backend()
     model = _model(mujoco, body, setting, values, timestep)
@@ -74,8 +75,10 @@ def _model(
 ) -> Any:
     """The compiled model, MjModel, of a body on a free joint over a plate, under a setting.
 
-    mujoco: the module. body: shape, mass and inertia of what is tossed. values: of the setting's
-    parameters, SI, in its order. timestep: s.
+    mujoco: the module.
+    body: shape, mass and inertia of what is tossed.
+    values: of the setting's parameters, SI, in its order.
+    timestep: s.
     """
     spec = mujoco.MjSpec()
     spec.option.timestep = timestep
@@ -114,7 +117,10 @@ def _simulate(mujoco: Any, model: Any, data: Any, toss: Toss, timestep: float) -
     the world: position, quaternion w x y z, velocity and spin.
 
     Velocities are those of the true motion at the step's end, which differ from the integrator's by
-    half a step of gravity. mujoco: the module. data: MjData of the model, reset here. timestep: s.
+    half a step of gravity.
+    mujoco: the module.
+    data: MjData of the model, reset here.
+    timestep: s.
     """
     mujoco.mj_resetData(model, data)
     turn = np.empty(9)

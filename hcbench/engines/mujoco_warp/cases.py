@@ -20,8 +20,10 @@ Stock: Any = MUJOCO["MujocoStock"]
 class WarpWorlds:
     """Mixin that steps all worlds at once; the class after it, of MuJoCo's adapter, makes them.
 
-    made: MjModel and MjData of each world that is to be started. worlds: those that are under way.
-    all, now: MuJoCo Warp's Model and Data of all of them. captured: the graph of one step.
+    made: MjModel and MjData of each world that is to be started.
+    worlds: those that are under way.
+    all, now: MuJoCo Warp's Model and Data of all of them.
+    captured: the graph of one step.
     """
 
     version = version("mujoco-warp")

@@ -90,7 +90,8 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
         """Text of a setting to paste: the MJCF of its <pair>s, with a comment on the copies of the
         geom that several need; with a law, a Python script whose step has the law.
 
-        form: "cup" for limits of a tendon, else <pair>s. pair: names of the two geoms.
+        form: "cup" for limits of a tendon, else <pair>s.
+        pair: names of the two geoms.
         """
         text = super().snippet(setting, form, pair)
         if self.law(setting) is not None:
@@ -116,7 +117,8 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
     ) -> WarpCopies:
         """Copies of a model on one device.
 
-        model: MjModel. start: MjData of what states leave out.
+        model: MjModel.
+        start: MjData of what states leave out.
         bits: unused, as Warp computes in float32.
         law: lines that define the step; "" for MuJoCo Warp's own.
         radius: of the ball, m; 0 for a user's model.
@@ -170,7 +172,8 @@ class MujocoWarpEngine(DescribesContact, SharedModelEngine):
 def with_a_geom_each(xml: str) -> str:
     """MJCF in which each pair but the first has a massless copy of its first geom for itself.
 
-    xml: the MJCF with its <pair> elements. MuJoCo Warp keeps one pair of two geoms only.
+    xml: the MJCF with its <pair> elements.
+    MuJoCo Warp keeps one pair of two geoms only.
     """
     root = ET.fromstring(xml)
     # Each geom by its name, with the body that has it.
@@ -194,7 +197,8 @@ def with_a_geom_each(xml: str) -> str:
 class WarpCopies(Copies):
     """Copies of a model on one device.
 
-    places: launches at once. bits, kind: of its numbers.
+    places: launches at once.
+    bits, kind: of its numbers.
     """
 
     places = _PLACES
@@ -212,7 +216,8 @@ class WarpCopies(Copies):
     def place(self, states: Floats) -> Floats:
         """Put the copies into states, and return these rounded to float32, (b, nq + nv).
 
-        states: positions, then velocities, SI, (b, nq + nv). All else is as in the user's state.
+        states: positions, then velocities, SI, (b, nq + nv).
+        All else is as in the user's state.
         """
         # `put_data` would send all arrays of all worlds; most are zero.
         self._data = self._engine.make_data(
@@ -242,10 +247,13 @@ class WarpCopies(Copies):
     def read_on(self, rule: Rule, reading: Reading, fewest: int, most: int) -> Reading:
         """Step, and read balls by a kernel after each step, until few of them go on.
 
-        rule: how an impact ends. reading: of each ball until now; returned as it is then.
-        fewest: balls that may still go on. most: steps. This process looks every _LOOK steps, so
-        more are taken; on a GPU the steps between are a graph. Raises EngineFailed where a copy has
-        more contacts than there is room for.
+        rule: how an impact ends.
+        reading: of each ball until now; returned as it is then.
+        fewest: balls that may still go on.
+        most: steps.
+        This process looks every _LOOK steps, so more are taken; on a GPU the steps between are a
+        graph.
+        Raises EngineFailed where a copy has more contacts than there is room for.
         """
         import warp
 

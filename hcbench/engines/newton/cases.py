@@ -29,7 +29,8 @@ class NewtonBodies:
         """Choose a solver, such as "VBD", and its options, keywords of its class.
 
         combine: how it joins two restitutions, a key of `hcbench_cases.COMBINE`; None where it
-        cannot. suffix: the end of the engine's name.
+        cannot.
+        suffix: the end of the engine's name.
         """
         self.name = f"newton-{solver.lower()}{suffix}"
         self.combine = combine
@@ -87,7 +88,8 @@ class NewtonBodies:
         """Keywords of Newton's ShapeConfig with the stiffness, N/m, and dampings, N s/m, of a contact;
         empty for those of Newton.
 
-        world: of a case. They are scaled so that they suit its lightest body, in steps of `self.h`.
+        world: of a case.
+        They are scaled so that they suit its lightest body, in steps of `self.h`.
         """
         if self.name not in self.gains:
             return {}
@@ -102,8 +104,10 @@ class NewtonBodies:
     def _shape(self, i: int, at: Any, body: dict[str, Any], cfg: Any) -> None:
         """Add the shape of a body to the world that has begun.
 
-        i: number of Newton's body, -1 for the world itself. at: its place in the body, x y z and
-        quaternion. body: of the case, SI. cfg: Newton's ShapeConfig, whose density is set here.
+        i: number of Newton's body, -1 for the world itself.
+        at: its place in the body, x y z and quaternion.
+        body: of the case, SI.
+        cfg: Newton's ShapeConfig, whose density is set here.
         """
         # Half sizes, m; of a mesh its largest coordinates, as of the box around it.
         size = body.get("half", [body.get("radius")] * 3)
@@ -123,7 +127,9 @@ class NewtonBodies:
         """Add a <pair> of two shapes to Newton's MuJoCo solver; MuJoCo's adapter gives the reasons
         for its numbers.
 
-        pair: numbers of the two shapes. e: restitution. mu: friction; 0 for a contact without.
+        pair: numbers of the two shapes.
+        e: restitution.
+        mu: friction; 0 for a contact without.
         """
         # The impedance: a soft row where friction would change a bounce, else a stiff one.
         share = 1e-4 if e and mu else 0.9999

@@ -71,7 +71,8 @@ class NewtonEngine(DescribesContact, ScriptedWorldsEngine[NewtonOptions]):
         """Lines of Python that build a model of many worlds with the contact or the law of a setting,
         choose a solver, and define its step.
 
-        options: the setting's. scene: not used: its numbers are names that the lines find.
+        options: the setting's.
+        scene: not used: its numbers are names that the lines find.
         Raises SettingError for an e without XPBD, and for a law or rows without SolverMuJoCo.
         """
         # Name of the solver, keywords of both shapes, lines of contact pairs.

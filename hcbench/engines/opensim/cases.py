@@ -23,8 +23,9 @@ class OpensimBodies:
         """Build a model, its bodies at their start.
 
         world: in SI units: timestep, gravity, friction, restitution, bodies, and floor, true or
-        false. Raises NotImplementedError for any e but 0 and 1, for materials, for shapes other
-        than spheres and for fixed bodies.
+        false.
+        Raises NotImplementedError for any e but 0 and 1, for materials, for shapes other than
+        spheres and for fixed bodies.
         """
         e = world.get("restitution")
         if e not in (0.0, 1.0):

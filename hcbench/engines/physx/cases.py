@@ -34,7 +34,8 @@ class PhysxBodies:
         """Build a scene of PhysX, its bodies at their start.
 
         world: in SI units: timestep, gravity, friction, restitution (or materials: e of the bodies
-        and of the floor), bodies, and floor, true or false. Raises NotImplementedError for a mesh.
+        and of the floor), bodies, and floor, true or false.
+        Raises NotImplementedError for a mesh.
         """
         self.configure(world["gravity"])
         self.system = sapien.physx.PhysxCpuSystem()
@@ -55,7 +56,9 @@ class PhysxBodies:
     def _add(self, body: dict[str, Any], material: Any) -> None:
         """Add a body to the scene at its start, and to `moving` if it is not fixed.
 
-        body: of the case, SI. material: of its shape. Raises NotImplementedError for a mesh.
+        body: of the case, SI.
+        material: of its shape.
+        Raises NotImplementedError for a mesh.
         """
         if body["shape"] == "mesh":
             raise NotImplementedError("has meshes of files alone")

@@ -88,8 +88,10 @@ class BulletClient:
     def load_model(self, path: Path, slot: str = "model", **options: Any) -> list[int]:
         """Load a URDF, SDF or MJCF file into the client, and return the ids of its bodies.
 
-        Meshes are looked for in the file's folder. slot: name of the file's slot, for the error.
-        options: of pybullet's loader. Raises SceneError where PyBullet refuses the file.
+        Meshes are looked for in the file's folder.
+        slot: name of the file's slot, for the error.
+        options: of pybullet's loader.
+        Raises SceneError where PyBullet refuses the file.
         """
         loaders = {".urdf": self.loadURDF, ".sdf": self.loadSDF}
         load = loaders.get(path.suffix.lower(), self.loadMJCF)

@@ -69,7 +69,8 @@ class PybulletBodies:
     def _body(self, body: dict[str, Any], e: float, friction: float) -> int:
         """Add a body at its start, and return its id.
 
-        body: of the case, SI; a mesh is its convex hull. e, friction: of this body.
+        body: of the case, SI; a mesh is its convex hull.
+        e, friction: of this body.
         """
         if body["shape"] == "sphere":
             shape = pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=body["radius"])

@@ -100,7 +100,8 @@ class PybulletEngine(
         """The text of a setting with a call that keeps its promise as user data of the first body.
 
         text: Python lines; returned as they are if they drop a ball themselves, or are not Python.
-        pair: names of the two bodies' variables. promise: error of e, and its conditions.
+        pair: names of the two bodies' variables.
+        promise: error of e, and its conditions.
         """
         from hcbench.engines.pybullet.model.causes import promise_line
 
@@ -209,9 +210,12 @@ class PybulletEngine(
         """Settings for pairs of a user's world, each meant to have the e of `goal` there: lines of
         changeDynamics and setPhysicsEngineParameter for all pairs.
 
-        source: files, a `World`, or a client. rebuild: makes it again, where a function built it.
-        requests: of the pairs. goal: e over speed. was, version: unused. Raises, as the settings
-        are read, UserError for a live client, and what opening raises.
+        source: files, a `World`, or a client.
+        rebuild: makes it again, where a function built it.
+        requests: of the pairs.
+        goal: e over speed.
+        was, version: unused. Raises, as the settings are read, UserError for a live client, and
+        what opening raises.
         """
         from hcbench.engines.pybullet.model.under_test import model_settings
 
@@ -222,9 +226,10 @@ class PybulletEngine(
     ) -> Standing:
         """Measure how the first pair of a user's world rests on the level and on a slope.
 
-        source: files, a `World`, or a client. setting: whose lines are run first; None: the world
-        as it is. requests: of the pairs; the first counts. Raises UserError and SceneError where it
-        cannot be opened.
+        source: files, a `World`, or a client.
+        setting: whose lines are run first; None: the world as it is.
+        requests: of the pairs; the first counts.
+        Raises UserError and SceneError where it cannot be opened.
         """
         from hcbench.engines.pybullet.model.under_test import PybulletModel
 
@@ -243,9 +248,11 @@ class PybulletEngine(
         """Drop a robot with a free base over the fixed bodies of its world, from each height and
         tilt.
 
-        source: files, a `World`, or a client. rebuild: makes it again, where a function built it.
-        request: the pose. drops: heights, m, tilts, rad, and the controller. Raises UserError for a
-        world without robot or floor, and for another process's client.
+        source: files, a `World`, or a client.
+        rebuild: makes it again, where a function built it.
+        request: the pose.
+        drops: heights, m, tilts, rad, and the controller.
+        Raises UserError for a world without robot or floor, and for another process's client.
         """
         from hcbench.engines.pybullet.model.under_test import land_in
 
@@ -261,10 +268,11 @@ class PybulletEngine(
         """Drop a robot of joints with a free base over the fixed bodies of its world, and judge how
         it lands.
 
-        source: files, a `World`, a client, or one of these with a setting. requests: of the pairs
-        of its feet with the floor. like: a test whose length this one takes; None: long enough to
-        come to rest. until_worse: one drop is enough where something is worse in it than in all of
-        `like`. Raises UserError where the pairs are not of a robot that can fall.
+        source: files, a `World`, a client, or one of these with a setting.
+        requests: of the pairs of its feet with the floor.
+        like: a test whose length this one takes; None: long enough to come to rest.
+        until_worse: one drop is enough where something is worse in it than in all of `like`.
+        Raises UserError where the pairs are not of a robot that can fall.
         """
         from hcbench.engines.pybullet.model.drop_test import ChangedWorld, WorldDropBench
 

@@ -84,8 +84,10 @@ _ACTIVE_ROUNDS = 3
 class Contacts:
     """Contacts that each begin to push at a depth of their own; n contacts, or b sets of them.
 
-    onset: depth from which a contact pushes, m. stiffness: k, N/m. damping: c, N s/m, of the law on
-    the rate at a step's end. Shapes (n,) or (b, n).
+    onset: depth from which a contact pushes, m.
+    stiffness: k, N/m.
+    damping: c, N s/m, of the law on the rate at a step's end.
+    Shapes (n,) or (b, n).
     """
 
     onset: Floats
@@ -97,8 +99,12 @@ class Contacts:
 class FittedImpacts:
     """Impacts of a ball that Bullet's steps are worked out for.
 
-    speeds: m/s, (n,). phases: of the touch within a step, 0 to 1, (n,). mass: kg. h: time step, s.
-    g: gravity, m/s². steps: enough for all to part.
+    speeds: m/s, (n,).
+    phases: of the touch within a step, 0 to 1, (n,).
+    mass: kg.
+    h: time step, s.
+    g: gravity, m/s².
+    steps: enough for all to part.
     """
 
     speeds: Floats
@@ -116,7 +122,8 @@ class FittedImpacts:
 
         The time step is the target's, but not finer than a share of the law's shortest contact.
 
-        speeds: how many. denser: factor on the number of phases of a step at each speed.
+        speeds: how many.
+        denser: factor on the number of phases of a step at each speed.
         """
         # Of a contact, s.
         shortest = float(closed_form.duration(law, target.mass, target.speed_max))
@@ -189,8 +196,9 @@ def _rate_after(free: Floats, spring: Floats, damper: Floats) -> Floats:
 
     It solves v = free - sum of max(0, spring + damper v), by finding which contacts push.
 
-    free: rate without the contacts, m/s, (b, n). spring: what each spring takes of the rate, m/s;
-    damper: what each damper takes, as a share of v; (contacts, b, n) each.
+    free: rate without the contacts, m/s, (b, n).
+    spring: what each spring takes of the rate, m/s; damper: what each damper takes, as a share of
+    v; (contacts, b, n) each.
     """
     v = (free - spring.sum(0)) / (1 + damper.sum(0))
     for _ in range(_ACTIVE_ROUNDS):
@@ -206,7 +214,9 @@ def _rate_after(free: Floats, spring: Floats, damper: Floats) -> Floats:
 class _Loops:
     """Points of loops of the law's force over penetration, that contacts are to follow; (n,) each.
 
-    x: penetration at a step's start, m. v: its rate at the step's end, m/s. force: of the law, N.
+    x: penetration at a step's start, m.
+    v: its rate at the step's end, m/s.
+    force: of the law, N.
     scale: factor that makes of an error of the force a share of the loop's largest force, 1/N,
     weighted so that the sum of squares of all is the mean over the loops of the squared error.
     """
@@ -220,7 +230,9 @@ class _Loops:
     def of(cls, law: HuntCrossley, mass: float, speeds: Floats, h: float) -> _Loops:
         """Loops of a law for a ball, one at each impact speed.
 
-        mass: kg. speeds: m/s, (loops,). h: time step, s, at whose end the rates are.
+        mass: kg.
+        speeds: m/s, (loops,).
+        h: time step, s, at whose end the rates are.
         """
         # Points lie evenly in the angle: the depth is its sine, as in a half swing.
         angle = (np.arange(_POINTS) + 0.5) / _POINTS * np.pi / 2
@@ -255,7 +267,8 @@ class _Loops:
         The stiffnesses and dampings are fitted linearly, again and again without the points where a
         contact would pull. None stays at 0, from where no later search revives it.
 
-        onset: m, (contacts,). step: time step, s.
+        onset: m, (contacts,).
+        step: time step, s.
         """
         # SciPy's optimisation is slow to import, and a list of recipes needs none of it.
         from scipy.optimize import nnls
@@ -287,7 +300,8 @@ class _Misfit:
     Its parameters are the logarithms of the contacts' stiffnesses, N/m, dampings, N s/m, and
     distances between onsets, m: 3 contacts - 1.
 
-    wanted: e of the target at each launch, (n,). unit: error of e that counts as 1.
+    wanted: e of the target at each launch, (n,).
+    unit: error of e that counts as 1.
     """
 
     launches: FittedImpacts
@@ -316,8 +330,9 @@ class _Misfit:
         """Errors of b trials of the search, (b, n): of e at each launch, then of the force at each
         point of the loops, in shares of `unit`.
 
-        parameters: of the search, (b, 3 contacts - 1). power: to which errors of e are taken, with
-        their sign: a higher one makes a sum of squares mind the worst more.
+        parameters: of the search, (b, 3 contacts - 1).
+        power: to which errors of e are taken, with their sign: a higher one makes a sum of squares
+        mind the worst more.
         """
         made = self.contacts(parameters)
         error = (self.launches.restitution(made) - self.wanted) / self.unit
@@ -369,7 +384,8 @@ def fit_contacts(
     """Find contacts of Bullet's own that together follow a law, in e, and in force nearly, over a
     target's band of speeds.
 
-    count: of contacts. result: makes of contacts what an interrupted search hands out.
+    count: of contacts.
+    result: makes of contacts what an interrupted search hands out.
 
     Raises SearchInterrupted, with the result of the best contacts until then.
     """
@@ -507,7 +523,8 @@ def staggered(target: Target) -> dict[str, Any]:
 def _options(timestep: float, contacts: Contacts) -> dict[str, Any]:
     """Options of a setting whose ball has a link for each contact.
 
-    timestep: h, s. contacts: (n,), with dampings c of the law on the rate at a step's end.
+    timestep: h, s.
+    contacts: (n,), with dampings c of the law on the rate at a step's end.
     """
     # Bullet adds k h by itself.
     damping = contacts.damping - timestep * contacts.stiffness

@@ -60,7 +60,9 @@ def simulate(
     Returns the states of each toss at its start and after each step, (steps + 1, 13): position, m,
     quaternion w x y z, velocity, m/s, and spin, rad/s, in the world.
 
-    setting: kind of contact. values: of the setting's parameters, SI, in its order. timestep: s.
+    setting: kind of contact.
+    values: of the setting's parameters, SI, in its order.
+    timestep: s.
     Raises SettingError for numbers that a plug-in's law does not take.
     """
     bullet = BulletClient.direct()
@@ -81,9 +83,11 @@ def _load(
 ) -> int:
     """Make a plate, a body and their contact in an empty client; returns the body's id.
 
-    body: shape, mass and inertia of what is tossed. setting: kind of contact: a stiffness, a
-    restitution, the plug-in, or no more than friction. given: parameters of the setting by name,
-    SI. timestep: s. Raises SettingError for numbers that a plug-in's law does not take.
+    body: shape, mass and inertia of what is tossed.
+    setting: kind of contact: a stiffness, a restitution, the plug-in, or no more than friction.
+    given: parameters of the setting by name, SI.
+    timestep: s.
+    Raises SettingError for numbers that a plug-in's law does not take.
     """
     from hcbench.engines.pybullet import plugin
 
@@ -121,7 +125,8 @@ def _simulate(bullet: BulletClient, body: int, toss: Toss, timestep: float) -> F
     The integrator's velocities are shifted by half a step's fall from those of the body, which are
     given and returned.
 
-    body: its id. timestep: s.
+    body: its id.
+    timestep: s.
     """
     start = toss.position.tolist()
     turned = _scalar_last(toss.quaternion).tolist()

@@ -46,7 +46,8 @@ def simulate(
     Returns its positions, m, and velocities, m/s, along x, at the start and after each step,
     (steps + 1,) each.
 
-    position, velocity: at the start, m and m/s. forces: on the ball along x, N, (steps,).
+    position, velocity: at the start, m and m/s.
+    forces: on the ball along x, N, (steps,).
     """
     bullet = BulletClient.direct()
     try:
@@ -63,7 +64,8 @@ def _simulate(
     Returns its positions, m, and velocities, m/s, along x, at the start and after each step,
     (steps + 1,) each.
 
-    position, velocity: at the start, m and m/s. forces: on the ball along x, N, (steps,).
+    position, velocity: at the start, m and m/s.
+    forces: on the ball along x, N, (steps,).
     """
     from hcbench.engines.pybullet import plugin
 

@@ -11,7 +11,8 @@ import rapier3d as rapier
 class RapierBodies:
     """An engine of `hcbench_cases`: Rapier with the best settings that are known.
 
-    world: Rapier's. moving: its bodies that are not fixed, in the order of the case.
+    world: Rapier's.
+    moving: its bodies that are not fixed, in the order of the case.
     """
 
     name = "rapier"

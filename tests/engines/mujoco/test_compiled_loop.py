@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 
 import hcbench as hb
 from hcbench.engines.mujoco.model import floor_record, simulation
-from hcbench.engines.mujoco.model.simulation import CompiledFlight, flights_of
+from hcbench.engines.mujoco.model.simulation import CompiledFlight, flights_of, simulation_of
 from hcbench.engines.mujoco.model.speed_shares import ADHESION
 from hcbench.engines.mujoco.model.under_test import MujocoModel
 from hcbench.measuring.request import make_request
@@ -128,6 +129,16 @@ def test_a_fatal_error_of_mujoco_is_an_error_and_not_the_end_of_the_process() ->
     model.model.opt.solver = 99
     with pytest.raises(EngineFailed, match="solver"):
         simulate.impacts_in(model, model.request.launches())
+
+
+def test_the_loop_in_c_itself_makes_that_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = opened(mjcf("a ball"))
+    model.model.opt.solver = 99
+    # Nothing around it turns MuJoCo's errors into hcbench's.
+    monkeypatch.setattr(simulation, "captured_warnings", lambda: nullcontext([]))
+    launches = model.request.launches()
+    with pytest.raises(EngineFailed, match="solver"):
+        simulation_of(model, launches, None).advance(10)
 
 
 @pytest.mark.parametrize("contacts", [0, 4])

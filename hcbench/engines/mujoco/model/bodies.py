@@ -172,8 +172,9 @@ def volumes(model: Any, data: Any, body: int) -> tuple[float, float]:
     """Two volumes of the tree of a body, m³: the sum of those of the boxes about each geom, and that
     of the box about all of them and the bodies' frames.
 
-    data: MjData with the kinematics of a pose. body: number of any body of the tree. Planes and
-    height fields do not count; the first is 0 for a tree without another geom.
+    data: MjData with the kinematics of a pose.
+    body: number of any body of the tree. Planes and height fields do not count; the first is 0 for
+    a tree without another geom.
     """
     bodies = np.flatnonzero(model.body_rootid == model.body_rootid[body])
     boxes = 0.0  # m³

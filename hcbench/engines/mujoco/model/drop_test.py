@@ -57,9 +57,10 @@ _OURS = "hcbench drop test "
 class _SensorColumns:
     """Columns of the sensors in MuJoCo's sensor data, of a spec to which `_add_sensors` added them.
 
-    centre, velocity: the first of three. potential, kinetic: energies, J.
-    floors: the first of four of each body that stands still:
-    the force of its contacts with the robot in the world, N, then the least distance, m.
+    centre, velocity: the first of three.
+    potential, kinetic: energies, J.
+    floors: the first of four of each body that stands still: the force of its contacts with the
+    robot in the world, N, then the least distance, m.
     actuators: one each.
     """
 
@@ -102,9 +103,11 @@ class ModelDropBench(DropBench):
         """Add sensors to the model, let constant controls hold its pose, and find where each drop
         begins.
 
-        spec: of the whole model, copied. label: what to call it. requests: of pairs of the tree
-        with the floor; the first has the pose, step and gravity. Raises UserError for what cannot
-        be dropped, EngineMissing for a MuJoCo without contact sensors.
+        spec: of the whole model, copied.
+        label: what to call it.
+        requests: of pairs of the tree with the floor; the first has the pose, step and gravity.
+        Raises UserError for what cannot be dropped, EngineMissing for a MuJoCo without contact
+        sensors.
         """
         require_feature(backend(), "contact sensors")
         request = requests[0]
@@ -145,7 +148,8 @@ class ModelDropBench(DropBench):
     def _described(self, label: str, controller: str) -> Robot:
         """Data of the robot for results: names, mass (kg), time step (s) and gravity (m/s²).
 
-        label: name of its model. controller: what holds its joints, in words.
+        label: name of its model.
+        controller: what holds its joints, in words.
         """
         gx, gy, gz = np.asarray(self.model.opt.gravity).tolist()
         return Robot(
@@ -161,7 +165,9 @@ class ModelDropBench(DropBench):
     def test(self, seconds: float, drops: Sequence[RobotDrop]) -> DropTest:
         """Drop the robot with the contacts that `model` has now, and join what each drop shows.
 
-        seconds: to simulate of each drop. A drop that diverges makes the whole test a diverged one.
+        drops: those to make, of DROPS.
+        seconds: to simulate of each drop.
+        A drop that diverges makes the whole test a diverged one.
         Raises EngineFailed for a fatal error of MuJoCo's.
         """
         landed = {}
@@ -241,7 +247,8 @@ class ModelDropBench(DropBench):
         """Simulate one drop for `seconds`, and read how the robot lands; None where it diverges, or
         never touches the floor.
 
-        drop: one of DROPS. Raises MuJoCo's fatal errors as they are.
+        drop: one of DROPS.
+        Raises MuJoCo's fatal errors as they are.
         """
         mujoco = backend()
         steps = round(seconds / self.timestep)
@@ -287,7 +294,8 @@ class ModelDropBench(DropBench):
 
         A servo of kp pulls its joint's length l to its target by kp (target - l): a spring. Without
         its energy, one that a landing stretches and that lets go later would seem to make some.
-        state: after each step, (n, nstate). sensors: their data, (n, nsensor).
+        state: after each step, (n, nstate).
+        sensors: their data, (n, nsensor).
         """
         columns = self._columns
         model = self.model
@@ -312,8 +320,9 @@ def landing(
 ) -> DropTest:
     """Drop a robot in its pose from all heights, tilts and phases of DROPS, and judge its landing.
 
-    source: a file, MJCF text or an MjSpec. requests: of pairs of the robot with its floor; the
-    first has the pose. like: a test whose length this one takes; None: long enough to come to rest.
+    source: a file, MJCF text or an MjSpec.
+    requests: of pairs of the robot with its floor; the first has the pose.
+    like: a test whose length this one takes; None: long enough to come to rest.
     until_worse: one drop is enough where something is worse in it than in all of `like`.
     Raises UserError for what cannot be dropped or copied and for a rigid body, EngineMissing for a
     MuJoCo without contact sensors.
@@ -333,8 +342,10 @@ def landing_peaks(source: Any, request: Request) -> tuple[LandingPeak, ...]:
     """Drop the whole tree of the pair's moving body flat from each of HEIGHTS: for each the lowest
     and the highest peak force over its weight, over the phases; infinite where it diverges.
 
-    source: a file, MJCF text or an MjSpec. request: of the pair. Raises UserError for what cannot
-    be dropped or copied, EngineMissing for a MuJoCo without contact sensors.
+    source: a file, MJCF text or an MjSpec.
+    request: of the pair.
+    Raises UserError for what cannot be dropped or copied, EngineMissing for a MuJoCo without
+    contact sensors.
     """
     bench = ModelDropBench(spec_of(source), label_of(source), [request])
     of_height: dict[float, list[float]] = {height: [] for height in HEIGHTS}
@@ -349,7 +360,8 @@ def _bend_into_limits(model: Any, data: Any) -> int:
     return how many there were.
 
     data: MjData of the pose, whose qpos is changed: such a hinge or slide is put inside its limit
-    by _WITHIN_LIMITS of its range. Ball joints are left as they are.
+    by _WITHIN_LIMITS of its range.
+    Ball joints are left as they are.
     """
     kinds = backend().mjtJoint
     bent = 0
@@ -369,7 +381,8 @@ def _add_sensors(spec: Any, model: Any, root: int) -> None:
     """Replace a spec's sensors by those that a test reads; `_SensorColumns` finds them by name.
 
     spec: changed; bodies and actuators without a name get one, as sensors go by names.
-    model: compiled of it before. root: number of the base.
+    model: compiled of it before.
+    root: number of the base.
     """
     sensors = backend().mjtSensor
     objects = backend().mjtObj
@@ -409,8 +422,10 @@ def _add_contact_sensor(
 ) -> None:
     """Add a sensor of all contacts of a base's tree with one body that stands still.
 
-    spec: changed. name: of the sensor. base, floor: names of the two bodies. read: _NET_FORCE or
-    _LEAST_DISTANCE.
+    spec: changed.
+    name: of the sensor.
+    base, floor: names of the two bodies.
+    read: _NET_FORCE or _LEAST_DISTANCE.
     """
     objects = backend().mjtObj
     sensor = spec.add_sensor(

@@ -42,9 +42,10 @@ _EXPECTED = "a base on a free joint, or on a slide of 45 degrees or steeper that
 class Base:
     """The base of a tree of bodies that falls: how it rises and tilts.
 
-    root: number of the root body of the tree. slide: number of the slide by which it falls, None
-    for a free joint. rise: velocities of the model that raise the tree by 1 m/s without turning it,
-    (nv,). turns_by: number of the joint by which it tilts, None where it cannot turn.
+    root: number of the root body of the tree.
+    slide: number of the slide by which it falls, None for a free joint.
+    rise: velocities of the model that raise the tree by 1 m/s without turning it, (nv,).
+    turns_by: number of the joint by which it tilts, None where it cannot turn.
     has_joints: whether the tree has joints beside those of its base.
     """
 
@@ -61,9 +62,10 @@ class Base:
     def release(self, model: Any, data: Any, to_touch: float, height: float) -> None:
         """Raise the tree in the pose of `data` from its touch with the floor to a height, m.
 
-        to_touch: way up to the touch, m. A slide that ends below the release is lengthened in the
-        model, and stays so: only the landing is of interest. Raises UserError where the slide does
-        not reach the floor.
+        to_touch: way up to the touch, m.
+        A slide that ends below the release is lengthened in the model, and stays so: only the
+        landing is of interest.
+        Raises UserError where the slide does not reach the floor.
         """
         self.lift(model, data, to_touch)
         if self.slide is not None and self._beyond_slide(model, data):
@@ -117,31 +119,38 @@ class Base:
 
 
 def _in_frame_of_ball(model: Any, data: Any, joint: int, turn: Floats) -> Floats:
-    """A turn of the world as a ball joint counts it, w x y z, (4,).
+    """A turn in the world, written in the frame from which a ball joint counts its attitude: the
+    quaternion w x y z, (4,), by which to multiply the joint's own from the left.
 
-    data: MjData with the kinematics. joint: number of the joint, whose attitude counts from a frame
-    of its own.
+    data: MjData with the kinematics.
+    joint: number of the ball joint.
+    turn: quaternion w x y z, (4,), in the world.
+    The body's attitude in the world is f q, with the frame f and the joint's own q. Turned by t it
+    is t f q = f (f* t f) q: the result is f* t f.
     """
     mujoco = backend()
     address = int(model.jnt_qposadr[joint])
-    back = np.zeros(4)
-    mujoco.mju_negQuat(back, data.qpos[address : address + 4])
+    attitude = data.xquat[int(model.jnt_bodyid[joint])]
+    conjugate = np.zeros(4)
+    # f = (f q) q*.
     frame = np.zeros(4)
-    mujoco.mju_mulQuat(frame, data.xquat[int(model.jnt_bodyid[joint])], back)
-    half = np.zeros(4)
-    mujoco.mju_mulQuat(half, turn, frame)
-    mujoco.mju_negQuat(back, frame)
-    counted = np.zeros(4)
-    mujoco.mju_mulQuat(counted, back, half)
-    return counted
+    mujoco.mju_negQuat(conjugate, data.qpos[address : address + 4])
+    mujoco.mju_mulQuat(frame, attitude, conjugate)
+    turned_frame = np.zeros(4)
+    mujoco.mju_mulQuat(turned_frame, turn, frame)
+    in_frame = np.zeros(4)
+    mujoco.mju_negQuat(conjugate, frame)
+    mujoco.mju_mulQuat(in_frame, conjugate, turned_frame)
+    return in_frame
 
 
 def base_of(model: Any, start: Any, root: int) -> Base:
     """Find how a tree of bodies falls.
 
     start: MjData of the pose from which it falls, with its kinematics and mass matrix.
-    root: number of the tree's root body. Raises UserError for a model without gravity, and for a
-    tree that does not fall: it says what keeps it.
+    root: number of the tree's root body.
+    Raises UserError for a model without gravity, and for a tree that does not fall: it says what
+    keeps it.
     """
     up = _up(model)
     joints = _base_joints(model, root)
@@ -230,7 +239,9 @@ def _require_fall(model: Any, start: Any, base: Base, up: Floats) -> None:
     """Raise UserError for a tree that does not fall where nothing is below it: a constraint ties it
     to something else, or servos, springs or gravity compensation hold it.
 
-    start: MjData of the pose, which stays as it is. up: unit vector, (3,).
+    base: how the tree rises.
+    start: MjData of the pose, which stays as it is.
+    up: unit vector, (3,).
     """
     mujoco = backend()
     tie = _tie(model, start, base.root)
@@ -263,7 +274,8 @@ def _require_fall(model: Any, start: Any, base: Base, up: Floats) -> None:
 def _tie(model: Any, data: Any, root: int) -> int | None:
     """Number of an equality constraint that ties a tree to what is not part of it; None without one.
 
-    data: MjData, in which constraints may be off. root: number of the tree's root body.
+    data: MjData, in which constraints may be off.
+    root: number of the tree's root body.
     """
     mujoco = backend()
     kinds = [int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)]
@@ -285,7 +297,8 @@ def _tie(model: Any, data: Any, root: int) -> int | None:
 def base_of_pairs(model: Any, start: Any, requests: Sequence[Request]) -> Base:
     """Find how the one tree falls of which each pair has one part.
 
-    model: compiled. start: MjData of the pose, with its kinematics and mass matrix.
+    model: compiled.
+    start: MjData of the pose, with its kinematics and mass matrix.
     requests: of the pairs; without names, the only pair that the model has.
     Raises UserError where a pair is missing or unknown, where both or none of its parts move, for
     parts of several trees, without gravity, and for a tree that does not fall.

@@ -4,7 +4,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -207,8 +207,9 @@ def moving_joints(model: Any, body: int) -> list[MovingJoint]:
 def _whole_tree(model: Any, body: int, chain: list[int]) -> MovingJoint:
     """The mover of all degrees of freedom of the body's robot, those of its other limbs included.
 
-    body: its number. chain: numbers of the bodies with joints from this one to the root, whose joints
-    the mover's description names.
+    body: its number.
+    chain: numbers of the bodies with joints from this one to the root, whose joints the mover's
+    description names.
     """
     joints: list[int] = []
     for ancestor in chain:
@@ -383,43 +384,57 @@ def no_contact_error(pair: ContactPair) -> UserError:
         return UserError(
             "pair", got, "MuJoCo's own contact, or the plug-in hcbench.restitution", advice
         )
-    got, *expected = _why_apart(pair.model, geoms)
-    return UserError(
-        "pair", f"{pair.first.name!r} and {pair.second.name!r} never touch: {got}", *expected
-    )
+    reason = _why_apart(pair.model, geoms)
+    got = f"{pair.first.name!r} and {pair.second.name!r} never touch: {reason.got}"
+    return UserError("pair", got, reason.expected, reason.advice)
 
 
-def _why_apart(model: Any, geoms: tuple[int, int]) -> tuple[str, ...]:
-    """(what keeps two geoms apart, what was expected instead), and advice as a third where there is
-    a fix to name.
+class _Reason(NamedTuple):
+    """Reason why two geoms make no contact, in words for an error.
 
-    geoms: numbers of the two. The first reason of: a flag, a filter of MuJoCo's, their shapes.
+    got: what keeps them apart.
+    expected: what would let them touch.
+    advice: a sentence on the fix; "" where there is none to name.
+    """
+
+    got: str
+    expected: str
+    advice: str = ""
+
+
+def _why_apart(model: Any, geoms: tuple[int, int]) -> _Reason:
+    """Find the first reason why MuJoCo makes no contact of two geoms: a flag of the whole model, a
+    filter of MuJoCo's, or else their shapes.
+
+    geoms: numbers of the two.
     """
     if flag := _disabling(model):
-        return f"contacts are disabled, by {flag}", "contacts", f"Remove {flag} from <option>"
+        return _Reason(
+            f"contacts are disabled, by {flag}", "contacts", f"Remove {flag} from <option>"
+        )
     match collision_filter(model, *geoms):
         case "exclude":
-            return "<exclude> names their bodies", "no <exclude> for them"
+            return _Reason("<exclude> names their bodies", "no <exclude> for them")
         case "masks":
             masks = []
             for geom in geoms:
                 mask = f"{model.geom_contype[geom]}/{model.geom_conaffinity[geom]}"
                 masks.append(f"{geom_name(model, geom)} has {mask}")
-            return (
-                f"contype/conaffinity do not match ({', '.join(masks)})",
-                "contype of one to share a bit with conaffinity of the other",
-                'Remove them, or write contype="1" conaffinity="1" on both',
+            return _Reason(
+                got=f"contype/conaffinity do not match ({', '.join(masks)})",
+                expected="contype of one to share a bit with conaffinity of the other",
+                advice='Remove them, or write contype="1" conaffinity="1" on both',
             )
         case "welded":
-            return "they are one rigid body", "two bodies that can move apart"
+            return _Reason("they are one rigid body", "two bodies that can move apart")
         case "parent":
-            return "parent and child are filtered", "a <pair> of the two in <contact>"
+            return _Reason("parent and child are filtered", "a <pair> of the two in <contact>")
         case "":
             one = _shape(model, geoms[0])
             other = _shape(model, geoms[1])
-            return (
-                f"MuJoCo made no contact of a {one} inside a {other}",
-                "two geoms that it collides, that meet along their common normal",
+            return _Reason(
+                got=f"MuJoCo made no contact of a {one} inside a {other}",
+                expected="two geoms that it collides, that meet along their common normal",
             )
 
 
@@ -463,14 +478,15 @@ def list_pairs(model: Any, request: Request, state: Any = None) -> list[Candidat
     with captured_warnings():
         data, _ = start_pose(model, request, state)
         mujoco.mj_forward(model, data)
-        touching = _touching(model)
-        # Pairs of geoms that touch at the start.
-        here = {tuple(sorted(c.geom.tolist())) for c in data.contact if c.dist <= 0.0}
+        poses_of = _poses_of_touch(model)
+        # Pairs of geoms that touch at the start, each in ascending order.
+        touching_now = {tuple(sorted(c.geom.tolist())) for c in data.contact if c.dist <= 0.0}
         meeting = _collisions(model)
         if not meeting and model.nflex:
             got = "no two geoms can meet, and contacts of soft bodies (flex) are not measured"
             raise UserError("model", got, "two rigid parts that collide, one of which moves")
-        return in_order([_described(model, data, a, b, here, touching) for a, b in meeting])
+        described = [_described(model, data, a, b, touching_now, poses_of) for a, b in meeting]
+        return in_order(described)
 
 
 def _collisions(model: Any) -> list[tuple[int, int]]:
@@ -504,8 +520,8 @@ def _rank(model: Any, geom: int) -> tuple[bool, int]:
     return not model.body_weldid[body], int(model.geom_type[geom] == backend().mjtGeom.mjGEOM_PLANE)
 
 
-def _touching(model: Any) -> dict[_Geoms, list[str]]:
-    """Poses in which geoms touch: the names of poses, by the numbers of the two geoms, ascending.
+def _poses_of_touch(model: Any) -> dict[_Geoms, list[str]]:
+    """Names of the poses in which two geoms touch, by the numbers of the two, ascending.
 
     The poses are the model's zero ("qpos0") and the first keyframes. The list is empty for two
     that only come within their margin. Raises UserError for a keyframe with an impossible pose.
@@ -524,15 +540,20 @@ def _touching(model: Any) -> dict[_Geoms, list[str]]:
 
 
 def _described(
-    model: Any, data: Any, a: int, b: int, here: set[_Geoms], touching: dict[_Geoms, list[str]]
+    model: Any,
+    data: Any,
+    a: int,
+    b: int,
+    touching_now: set[_Geoms],
+    poses_of: dict[_Geoms, list[str]],
 ) -> CandidatePair:
     """Two geoms as a candidate: names, effective mass (kg), signed distance (m) and contact in
     force; NaN for a mass or distance that MuJoCo cannot tell.
 
     data: MjData at the start, after mj_forward.
     a, b: numbers of the geoms, the one that moves first.
-    here: pairs of geoms that touch in `data`, ascending.
-    touching: names of the poses in which two geoms do, by the two, ascending.
+    touching_now: pairs of geoms that touch in `data`, ascending.
+    poses_of: names of the poses in which two geoms touch, by the two, ascending.
     """
     body_a = int(model.geom_bodyid[a])
     body_b = int(model.geom_bodyid[b])
@@ -541,7 +562,7 @@ def _described(
     first = NamedGeoms(name_a, body_a, (a,))
     second = NamedGeoms(name_b, body_b, (b,))
     near = ContactPair(model, first, second).nearest(data)
-    # The two in ascending order, by which `here` and `touching` have them.
+    # The two in ascending order, by which `touching_now` and `poses_of` have them.
     key = tuple(sorted((a, b)))
     normal = near.normal
     # Where the nearest points coincide there is no direction between them: take the contact's. The
@@ -570,8 +591,8 @@ def _described(
         joint=moved,
         effective_mass=mass,
         distance=distance,
-        touching=key in here,
-        touching_in=tuple(touching.get(key, ())),
+        touching=key in touching_now,
+        touching_in=tuple(poses_of.get(key, ())),
         settings=contact_in_force(model, a, b),
     )
 
@@ -586,7 +607,9 @@ def _mass_along(
 ) -> float:
     """Effective mass of two bodies along a normal, kg; NaN where no joint moves either along it.
 
-    data: MjData with the kinematics. bodies: their numbers. point: where they meet, m, (3,).
+    data: MjData with the kinematics.
+    bodies: their numbers.
+    point: where they meet, m, (3,).
     normal: unit vector, (3,).
     """
     first, second = bodies

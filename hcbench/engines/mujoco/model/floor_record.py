@@ -18,8 +18,10 @@ _CONTACTS = 4
 class Point(NamedTuple):
     """A point at which the robot meets the floor in one step, SI.
 
-    geom, floor: numbers of the two geoms. force: normal, N; 0 where a plug-in's law turns the point
-    back by an impulse. depth: m. speed: towards the floor before the step; slide: along it, m/s.
+    geom, floor: numbers of the two geoms.
+    force: normal, N; 0 where a plug-in's law turns the point back by an impulse.
+    depth: m.
+    speed: towards the floor before the step; slide: along it, m/s.
     """
 
     geom: int
@@ -152,6 +154,8 @@ class FloorRecord:
     def _read_in_c(self, data: Any) -> int:
         """Read a step by launch.c: the number of its points, which may be more than there is room for,
         or -1 for a state that was reset.
+
+        data: MjData after the step.
         """
         assert self._in_c is not None, "asked for only with a library"
         begin = self._ends[-1]

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
@@ -70,9 +70,10 @@ class OpenedModel(ModelUnderTest):
     def __init__(self, model: Any, label: str, state: Any, request: Request) -> None:
         """Bring the pair of the request to touch.
 
-        model: an MjModel, which this object may change. label: its name in outputs. state: an
-        MjData to start from, or None. Raises UserError and its kinds where the pair cannot be
-        measured.
+        model: an MjModel, which this object may change.
+        label: its name in outputs.
+        state: an MjData to start from, or None.
+        Raises UserError and its kinds where the pair cannot be measured.
         """
         require_feature(backend(), "mj_copyData")
         self.model = model
@@ -211,9 +212,22 @@ def live_state(source: Any) -> tuple[Any, Any] | None:
     return (model, data) if is_state else None
 
 
-def load(source: Any, request: Request) -> tuple[Any, str, Any]:
-    """Load a user's model, with the request's time step, gravity and actuators: an MjModel, its name
-    in outputs, and the MjData to start from, or None; the user's own objects stay as they were.
+class UserModel(NamedTuple):
+    """A user's model, loaded.
+
+    model: compiled MjModel, of hcbench's own.
+    label: its name in outputs.
+    state: the user's MjData to start from; None where the source has none.
+    """
+
+    model: Any
+    label: str
+    state: Any
+
+
+def load(source: Any, request: Request) -> UserModel:
+    """Load a user's model, with the request's time step, gravity and actuators; the user's own
+    objects stay as they were.
 
     source: a path, an MjModel, an MjSpec, MJCF text, or a state in Python: an MjData or an
     environment.
@@ -252,7 +266,7 @@ def load(source: Any, request: Request) -> tuple[Any, str, Any]:
     # A state is called by its own type, such as MjData or that of an environment.
     if state is not None:
         label = kind
-    return as_requested(model, request), label, state
+    return UserModel(as_requested(model, request), label, state)
 
 
 def as_requested(model: Any, request: Request) -> Any:

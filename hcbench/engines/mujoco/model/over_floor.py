@@ -40,9 +40,11 @@ class OverFloor:
     """A robot in a compiled model, and what stands still around it.
 
     root: number of the robot's base body; all that hangs on it is the robot.
-    gravity: m/s²; up: unit vector against it, (3,). mass: kg; weight: N.
-    of_robot, of_floor: of each geom whether it is the robot's, and whether it stands still,
-    (ngeom + 1,). A contact of a flex has the geom -1, which finds the False at their ends.
+    gravity: m/s²; up: unit vector against it, (3,).
+    mass: kg; weight: N.
+    of_robot, of_floor: of each geom whether it is the robot's, and whether it stands still, (ngeom
+    + 1,).
+    A contact of a flex has the geom -1, which finds the False at their ends.
     """
 
     def __init__(self, model: Any, root: int) -> None:
@@ -106,8 +108,9 @@ class OverFloor:
 def _way_up(is_touching_at: Callable[[float], bool], robot: str) -> float:
     """Height by which to raise a robot until it just clears the floor, m; below 0 to lower it.
 
-    is_touching_at: whether the robot touches the floor when it is raised by a height, m. robot: its
-    name in errors. Raises UserError where nothing is below it.
+    is_touching_at: whether the robot touches the floor when it is raised by a height, m.
+    robot: its name in errors.
+    Raises UserError where nothing is below it.
     """
     # Up, out of the floor that it is in, or down to where it first touches.
     is_in_floor = is_touching_at(0.0)
@@ -156,7 +159,8 @@ def drive_of(controller: Controller, model: Any, start: Any, root: int) -> tuple
     describes it.
 
     controller: "pd", "pd:KP,KD", "ctrl", or a function of (MjModel, MjData).
-    start: MjData of the pose to hold. root: number of the robot's base body.
+    start: MjData of the pose to hold.
+    root: number of the robot's base body.
 
     Raises UserError for another one, for gains other than numbers from 0 up, and for a function of
     other arguments; the drive of a function also raises it, for controls that do not fit.
@@ -248,8 +252,9 @@ def _holding(model: Any, start: Any, root: int, gains: Sequence[float]) -> _Pd:
     """Find the position servos and the motors of a robot that can hold its pose, with the targets of
     the servos and the gains of the motors.
 
-    start: MjData of the pose, with its kinematics and mass matrix. root: number of the robot's base
-    body. gains: kp and kd of all motors, SI; [] for gains chosen by weight and inertia.
+    start: MjData of the pose, with its kinematics and mass matrix.
+    root: number of the robot's base body.
+    gains: kp and kd of all motors, SI; [] for gains chosen by weight and inertia.
     """
     servos: list[int] = []
     targets: list[float] = []
@@ -282,8 +287,9 @@ def hold_pose(model: Any, start: Any, root: int) -> tuple[Floats, str]:
     what holds the pose.
 
     model: changed: its motors become servos with the gains and largest torques that PD control
-    would give them. start: MjData of the pose, left as it was. root: number of the robot's base
-    body.
+    would give them.
+    start: MjData of the pose, left as it was.
+    root: number of the robot's base body.
     """
     before = start.ctrl.copy()
     drive, words = drive_of("pd", model, start, root)
@@ -332,7 +338,8 @@ class _Motor(NamedTuple):
 class _Pd:
     """Servos and motors that hold a pose.
 
-    pose: its qpos. servos: numbers of the position servos; targets: their controls, alike.
+    pose: its qpos.
+    servos: numbers of the position servos; targets: their controls, alike.
     """
 
     pose: Floats
@@ -368,7 +375,8 @@ def _gains(model: Any, data: Any, root: int, joint: int) -> tuple[float, float]:
     N s/m of a slide.
 
     data: MjData of the pose, with its kinematics and mass matrix.
-    root: number of the robot's base body. joint: number of the joint.
+    root: number of the robot's base body.
+    joint: number of the joint.
 
     With this kp the robot's whole weight, at the end of what the joint carries, would turn the
     joint by 1 rad (move a slide by 2 cm); kd is a share of that kp. Then both are limited so that the
@@ -396,7 +404,9 @@ def _reach(model: Any, data: Any, body: int, anchor: Floats) -> float:
     """Distance from a joint's anchor to the centre of the farthest geom that hangs on it, m; 0.1 m,
     a guess, where that is 0 or infinite.
 
-    data: MjData with the kinematics. body: number of the joint's. anchor: (3,), m, in the world.
+    data: MjData with the kinematics.
+    body: number of the joint's.
+    anchor: (3,), m, in the world.
     """
     reach = 0.0
     for geom in range(model.ngeom):

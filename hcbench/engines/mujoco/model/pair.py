@@ -46,8 +46,9 @@ def restitution_law(model: Any, geoms: Sequence[int]) -> RestitutionCurve | None
     """e over speed that the plug-in hcbench.restitution gives a contact of two geoms; None if no
     instance of the plug-in names them or their bodies.
 
-    model: compiled MjModel. geoms: numbers of the two. Raises SettingError for an alpha that no law
-    has.
+    model: compiled MjModel.
+    geoms: numbers of the two.
+    Raises SettingError for an alpha that no law has.
     """
     config = _config(model, geoms, _KEYS)
     if config is None:
@@ -66,8 +67,9 @@ def has_force_law(model: Any, geoms: Sequence[int]) -> bool:
 def _config(model: Any, geoms: Sequence[int], keys: Sequence[str]) -> dict[str, str] | None:
     """Config of the first plug-in instance with these keys that names two geoms or their bodies.
 
-    geoms: numbers of the two. keys: in the plug-in's order; their number tells one plug-in from
-    another. Values are texts by key, "" where the user wrote none. None without such an instance.
+    geoms: numbers of the two.
+    keys: in the plug-in's order; their number tells one plug-in from another. Values are texts by
+    key, "" where the user wrote none. None without such an instance.
     """
     geom_names = {model.geom(geom).name for geom in geoms}
     body_names = {model.body(model.geom_bodyid[geom]).name for geom in geoms}
@@ -130,8 +132,10 @@ class WithoutContact:
         speed; 0 where the difference is only round-off.
 
         `self.data` has the state before the step; here the same step is taken in it without
-        contact. row: Jacobian of the approach rate, (nv,). velocity: after the step with the
-        contact, (nv,). mass: effective mass along the normal, kg.
+        contact.
+        row: Jacobian of the approach rate, (nv,).
+        velocity: after the step with the contact, (nv,).
+        mass: effective mass along the normal, kg.
         """
         # Approach speeds after the step, m/s.
         without_contact = float(row @ self.step())
@@ -244,8 +248,9 @@ class ContactPair:
     def names_of_others(self, geoms: Iterable[int]) -> list[str]:
         """Names of geoms that touched the two besides their own contact, sorted.
 
-        geoms: their numbers. One of the pair's own, such as the floor under another foot, is named
-        with the part that did not touch it then.
+        geoms: their numbers.
+        One of the pair's own, such as the floor under another foot, is named with the part that did
+        not touch it then.
         """
         names = []
         for geom in geoms:
@@ -374,7 +379,8 @@ class ContactPair:
         """Normal of two geoms whose nearest points coincide, (3,): the way in which their distance
         falls fastest when the first is moved; 0 where that tells no direction.
 
-        data: MjData with the kinematics. a, b: numbers of the geoms.
+        data: MjData with the kinematics.
+        a, b: numbers of the geoms.
         """
         moved = copy.copy(data)
         short = _NUDGE * self.size
@@ -394,7 +400,8 @@ class ContactPair:
         the field's upward axis, the distance the height, m, of the geom's bounding sphere over the
         field's highest possible point.
 
-        data: MjData with the kinematics. It is for a pair in which one geom is a height field.
+        data: MjData with the kinematics.
+        It is for a pair in which one geom is a height field.
         """
         field = self.height_field
         model = self.model

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,9 +31,11 @@ class MujocoAlongPlate:
     def __init__(self, place: PairAtTouch, launch: Launch, along: Vector | None) -> None:
         """Find the axes of the plate, and which degrees of freedom are the pair's.
 
-        place: the pair at touch. launch: the oblique launch. along: direction of the plate's first
-        axis, in the world; None: x, or y where that is normal to the plate. Raises UserError for
-        one that is 0 or normal to the plate.
+        place: the pair at touch.
+        launch: the oblique launch.
+        along: direction of the plate's first axis, in the world; None: x, or y where that is normal
+        to the plate.
+        Raises UserError for one that is 0 or normal to the plate.
         """
         self.place = place
         self.pair = place.pair
@@ -43,11 +45,11 @@ class MujocoAlongPlate:
         self.friction = np.zeros(3)
         # Moving body's centre, m, in the state in which the contact point was seen last.
         self._origin = np.zeros(3)
-        # Only contacts and gravity act: the energy is that of both. Else it is of the mover alone.
-        self._alone = not self.pair.more_than_contacts
+        # Then the energy is that of both bodies. Else it is that of the mover alone.
+        self._only_contacts_act = not self.pair.more_than_contacts
         model = self.pair.model
         moving = [model.body_rootid[self.pair.first.body]]
-        if self._alone:
+        if self._only_contacts_act:
             moving.append(model.body_rootid[self.pair.second.body])
         self._moving = np.isin(model.body_rootid[model.dof_bodyid], moving)
 
@@ -111,16 +113,16 @@ class MujocoAlongPlate:
         """Note that a contact point was seen in this state."""
         self._origin = data.xipos[self.body].copy()
 
-    def push(self, frame: Floats, wrench: Floats, turned: bool) -> None:
+    def push(self, frame: Floats, wrench: Floats, is_second: bool) -> None:
         """Add the friction of one contact to `friction`, N, that on the moving body in the world.
 
         frame: the contact's axes in MuJoCo's order: normal, then two tangents; (9,).
         wrench: MuJoCo's contact force along these axes, N, and torques; (6,).
-        turned: the moving geom is the contact's second.
+        is_second: the moving geom is the contact's second.
         """
         # MuJoCo's force acts on the second geom, and its opposite on the first.
         pushed = wrench[1] * frame[3:6] + wrench[2] * frame[6:9]
-        if turned:
+        if is_second:
             self.friction = self.friction + pushed
         else:
             self.friction = self.friction - pushed
@@ -129,8 +131,11 @@ class MujocoAlongPlate:
         """Motion of the pair along the plate in one state, (8,): slip of the contact point (2, m/s),
         spin (3, rad/s), friction (2, N), and the kinetic energy without that of the approach (J).
 
-        data: MjData with the kinematics of the state. velocity: of the state, (nv,). point: of the
-        contact, m, (3,). rate: of approach, m/s. The friction that `push` added is used up.
+        data: MjData with the kinematics of the state.
+        velocity: of the state, (nv,).
+        point: of the contact, m, (3,).
+        rate: of approach, m/s.
+        The friction that `push` added is used up.
         """
         model = self.pair.model
         # The axes: two in the plate, then the normal. All is of the moving body relative to the other.
@@ -151,8 +156,9 @@ class MujocoAlongPlate:
         """Kinetic energy of the two bodies, J; where joints or servos act, that of the launched
         body's tree as seen from the other body.
 
-        data: MjData with the kinematics. velocity: (nv,). point: of the contact, m, (3,), at which
-        the other body's velocity is taken.
+        data: MjData with the kinematics.
+        velocity: (nv,).
+        point: of the contact, m, (3,), at which the other body's velocity is taken.
         """
         mujoco = backend()
         model = self.pair.model
@@ -160,7 +166,7 @@ class MujocoAlongPlate:
         momentum = np.zeros(model.nv)
         mujoco.mj_mulM(model, data, momentum, own)
         energy = 0.5 * float(own @ momentum)
-        if self._alone:
+        if self._only_contacts_act:
             return energy
         # Seen from the other body, which moves by `frame`: E - m v_c · frame + m frame² / 2.
         root = int(model.body_rootid[self.body])
@@ -174,6 +180,34 @@ class MujocoAlongPlate:
         return energy + mass * float(frame @ (0.5 * frame - of_centre @ own))
 
 
+class _OwnContact(NamedTuple):
+    """One of the pair's contacts in an MjData.
+
+    number: among all contacts of the MjData.
+    is_turned: the moving geom is its second, so that its normal leads from the other body.
+    is_pyramid: its friction cone is a pyramid, so that its normal has two constraint rows.
+    """
+
+    number: int
+    is_turned: bool
+    is_pyramid: bool
+
+
+class _SeenContacts(NamedTuple):
+    """Contacts of the last `read`, as `_use_contact` needs them.
+
+    own: those of the pair, one or more.
+    points: of all contacts, m, (ncon, 3).
+    frames: of all contacts, axes row after row, the normal first, (ncon, 9).
+    distance: least of the pair, m.
+    """
+
+    own: list[_OwnContact]
+    points: Floats
+    frames: Floats
+    distance: float
+
+
 class PairReader:
     """Reads depth, force and rate of the pair off an MjData that belongs to one state.
 
@@ -185,6 +219,7 @@ class PairReader:
     ) -> None:
         """Begin with the contact at touch; until a step has one, its point and normal hold.
 
+        place: the pair at touch.
         data: MjData of the first state, with its kinematics.
         along: reader of the motion along the plate; None for a normal launch.
         """
@@ -201,12 +236,11 @@ class PairReader:
         self._point = place.contact.point
         self._normal = place.contact.normal
         self._row: Floats | None = None
-        # Of the last contacts: the geoms of all; of each of the pair's its place, whether the
-        # moving geom is its second, and whether its normal has two rows; then these, points, axes
-        # and the distance until they are asked for.
+        # Of the last contacts: the geoms of all, and the pair's own.
         self._geoms: list[list[int]] = []
-        self._mine: list[tuple[int, bool, bool]] = []
-        self._unread: tuple[list[tuple[int, bool, bool]], Floats, Floats, float] | None = None
+        self._mine: list[_OwnContact] = []
+        # None once the point and the normal are computed.
+        self._unread: _SeenContacts | None = None
         self.row(data)
 
     @property
@@ -237,7 +271,8 @@ class PairReader:
         """Read the pair in one state: penetration beyond the onset of the contact, m, None without a
         contact; force, N, above 0 where it pushes apart; approach rate, m/s.
 
-        data: MjData with contacts and forces of the state. velocity: of the state, (nv,).
+        data: MjData with contacts and forces of the state.
+        velocity: of the state, (nv,).
         The contact's point and normal are kept for `normal` and `contact_point`; friction goes to
         `along`, the reader of oblique launches.
         """
@@ -253,7 +288,9 @@ class PairReader:
         distances = contacts.dist.tolist()
         distance = min(distances[i] for i, _, _ in self._mine)
         force, parting = self._force_and_parting(data, contacts)
-        self._unread = self._mine, contacts.pos.copy(), contacts.frame.copy(), distance
+        self._unread = _SeenContacts(
+            self._mine, contacts.pos.copy(), contacts.frame.copy(), distance
+        )
         if self.along is not None:
             self.along.seen(data)
         penetration = self.place.contact.onset - distance
@@ -265,17 +302,16 @@ class PairReader:
         """Force of all contacts of the pair together, N, and the mean rate at which they part, m/s,
         None if no contact has a constraint row, and so a force.
 
-        data: MjData with the forces of a state. contacts: all contacts of `data`. The friction of
-        each of the pair's goes to `along`.
+        data: MjData with the forces of a state.
+        contacts: all contacts of `data`.
+        The friction of each of the pair's goes to `along`.
         """
         addresses = contacts.efc_address.tolist()
         rates = data.efc_vel
         force = 0.0
         parting = 0.0
         acting = 0
-        # The pair's contacts: index among all, whether its second geom is the moving one, and
-        # whether its friction cone is a pyramid.
-        for i, turned, is_pyramid in self._mine:
+        for i, is_turned, is_pyramid in self._mine:
             address = addresses[i]
             # A contact without a constraint row has no force.
             if address < 0:
@@ -289,14 +325,15 @@ class PairReader:
             parting += rate
             acting += 1
             if self.along is not None:
-                self.along.push(contacts.frame[i], self._wrench, turned)
+                self.along.push(contacts.frame[i], self._wrench, is_turned)
         return force, parting / acting if acting else None
 
     def _find_pair(self, geoms: list[list[int]], dims: list[int]) -> None:
         """Find the pair's contacts among all, and keep them in `_mine` until other geoms touch; note
         in `others` whether there are contacts of others.
 
-        geoms: numbers of the two geoms of each contact. dims: condim of each.
+        geoms: numbers of the two geoms of each contact.
+        dims: condim of each.
         """
         # 1 for geoms of the first part, 2 for those of the second; the two of a contact of the pair
         # add up to BOTH_SIDES.
@@ -307,7 +344,7 @@ class PairReader:
             if sides[a] + sides[b] == BOTH_SIDES:
                 is_turned = bool(sides[a] == 2)
                 is_pyramid = self._pyramid and dims[i] > 1
-                self._mine.append((i, is_turned, is_pyramid))
+                self._mine.append(_OwnContact(i, is_turned, is_pyramid))
         self.others = len(self._mine) < len(geoms)
 
     def _use_contact(self) -> None:
@@ -336,7 +373,8 @@ class PairReader:
         """Penetration of two that have no contact, m, below 0 where they are apart: by MuJoCo's
         distance of the geoms, counted from that at touch; `guess` for shapes without a distance.
 
-        data: MjData with the kinematics. guess: m.
+        data: MjData with the kinematics.
+        guess: m.
         """
         if not math.isfinite(self.place.gap):
             return guess

@@ -26,7 +26,7 @@ from hcbench.engines.mujoco.model.find_pair import (
 from hcbench.engines.mujoco.model.pair import BOTH_SIDES, ContactPair, Nearest, PairContact
 from hcbench.engines.mujoco.model.start_pose import (
     MOVED,
-    beyond_limit,
+    joint_at_limit,
     require_joints_within_limits,
 )
 from hcbench.engines.mujoco.model.touch_search import TouchSearch, swing, swing_to_touch
@@ -77,7 +77,8 @@ def require_plausible_contact(model: Any, place: PairAtTouch) -> None:
     """Raise QuantityError for a contact whose solref MuJoCo would replace, having numbers of
     different signs, or with more friction than any surface has.
 
-    place: the pair at touch. With --beyond-bounds nothing is refused.
+    place: the pair at touch.
+    With --beyond-bounds nothing is refused.
     """
     if admits_beyond_bounds():
         return
@@ -199,9 +200,7 @@ def _is_strained(placed: PairAtTouch) -> bool:
     at_touch.qpos[:] = placed.qpos
     joints = set(model.dof_jntid[list(placed.joint.dofs)].tolist())
     for joint in joints:
-        # How far the joint is beyond its range, and how far is let pass: rad, or m of a slide.
-        beyond, allowed, _ = beyond_limit(model, at_touch, joint)
-        if model.jnt_limited[joint] and beyond > allowed:
+        if model.jnt_limited[joint] and joint_at_limit(model, at_touch, joint).is_far_beyond:
             return True
     return False
 
@@ -210,9 +209,10 @@ def _raised(pair: ContactPair, data: Any, near: Nearest) -> Nearest:
     """Move a robot on a free base out of the other part, if they overlap by no more than _RAISED, m;
     return the nearest points afterwards.
 
-    data: MjData; changed. near: the nearest points of the two in `data`, which are returned where
-    nothing is moved: for a deeper overlap, without a free base, and for a free body without joints,
-    which the search for the touch moves out.
+    data: MjData; changed.
+    near: the nearest points of the two in `data`, which are returned where nothing is moved: for a
+    deeper overlap, without a free base, and for a free body without joints, which the search for
+    the touch moves out.
     Keyframes of standing robots often start a little inside the floor.
     """
     model = pair.model
@@ -282,7 +282,8 @@ def _along_nearest(
     """Bring two parts together the nearest way by one mover; None where it does not move the one
     towards the other.
 
-    pair: with the moving part first. joint: the mover.
+    pair: with the moving part first.
+    joint: the mover.
     data: MjData at the start, and again when this returns.
     row: Jacobian of the approach rate along the line between the two, (nv,).
     overlap: of the two at the start, m.
@@ -316,7 +317,8 @@ def _along_nearest(
 def _passed_error(pair: ContactPair, data: Any, gap: float) -> _PassedError:
     """The error to raise for two parts that pass each other without touching.
 
-    data: MjData with the kinematics. gap: their nearest distance on the way, m.
+    data: MjData with the kinematics.
+    gap: their nearest distance on the way, m.
     """
     heights = [float(data.geom_xpos[part.geoms[0]][2]) for part in (pair.first, pair.second)]
     return _PassedError(
@@ -381,7 +383,8 @@ def _clear_of(pair: ContactPair, data: Any, normal: Floats) -> float:
     """Distance, m, by which the first part has to go back to be clear of the second, by their
     bounding spheres: enough, not the least.
 
-    data: MjData with the kinematics. normal: unit vector along which the first approaches, (3,).
+    data: MjData with the kinematics.
+    normal: unit vector along which the first approaches, (3,).
     """
     model = pair.model
     own_radius = max(float(model.geom_rbound[g]) for g in pair.first.geoms)
@@ -401,7 +404,8 @@ def _move_over(pair: ContactPair, data: Any, joint: MovingJoint, normal: Floats)
     """Move the first part sideways, until its middle is on the line along `normal` through the
     middle of the second; leave it where the joint cannot move it sideways.
 
-    data: MjData; changed. normal: unit vector along which the first approaches, (3,).
+    data: MjData; changed.
+    normal: unit vector along which the first approaches, (3,).
     """
     model = pair.model
     first_middle = np.mean(data.geom_xpos[list(pair.first.geoms)], axis=0)
@@ -422,7 +426,8 @@ def _guess_normal(pair: ContactPair, data: Any) -> Floats:
     nearest points coincide and give no direction.
 
     It is that of MuJoCo's contact; else of a plane; else along the line between the centres of the
-    first geoms; else down. data: MjData with contacts.
+    first geoms; else down.
+    data: MjData with contacts.
     """
     contact = pair.contact(data)
     if contact is not None:
@@ -441,6 +446,7 @@ def _slide(row: Floats, joint: MovingJoint) -> Floats | None:
     """Smallest velocity of the degrees of freedom of a mover with which the two approach at 1 m/s,
     (nv,); None where the mover hardly changes the approach rate.
 
+    joint: the mover.
     row: Jacobian of the approach rate, (nv,).
     """
     along = row[list(joint.dofs)]
@@ -458,8 +464,9 @@ def _acceleration_in_flight(model: Any, data: Any, row: Floats) -> float:
     """Acceleration with which two bodies at rest approach without a contact, m/s²: by gravity,
     springs and actuators.
 
-    data: MjData of the pose; its accelerations are computed. row: Jacobian of the approach rate,
-    (nv,). Contact is off, as one that just touches may already push, or adhere.
+    data: MjData of the pose; its accelerations are computed.
+    row: Jacobian of the approach rate, (nv,). Contact is off, as one that just touches may already
+    push, or adhere.
     """
     mujoco = backend()
     flags = model.opt.disableflags
@@ -480,8 +487,11 @@ def _at_touch(
     """Describe a pair at touch as it is to be launched: direction, effective mass and acceleration
     of the approach.
 
-    pair: with the moving body first. joint: the mover. data: MjData at touch.
-    move: velocity along which the two were brought together, (nv,). contact: MuJoCo's, of the two.
+    pair: with the moving body first.
+    joint: the mover.
+    data: MjData at touch.
+    move: velocity along which the two were brought together, (nv,).
+    contact: MuJoCo's, of the two.
     overlap: of the two at the start, m.
 
     Raises UserError where the contact's normal is not one that the joint can move along, where
@@ -528,8 +538,9 @@ def _require_room(pair: ContactPair, data: Any) -> None:
     """Raise UserError if at touch another part of the robot that moves is deep in what does not move
     with it; the error names the two.
 
-    pair: with the moving part first. data: MjData at touch, with its contacts. "Deep" is a share of
-    the smaller geom's bounding radius.
+    pair: with the moving part first.
+    data: MjData at touch, with its contacts. "Deep" is a share of the smaller geom's bounding
+    radius.
     """
     model = pair.model
     names = (pair.first.name, pair.second.name)

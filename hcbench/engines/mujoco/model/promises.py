@@ -30,7 +30,8 @@ def promise_lines(pairs: Iterable[Pair], promise: Promise) -> str:
     """The <custom> section of MJCF that states a promise for some pairs, as text; "" for a promise
     whose target a text cannot state.
 
-    pairs: names of two geoms each. promise: that of all of them. `promise_in` reads it again.
+    pairs: names of two geoms each.
+    promise: that of all of them. `promise_in` reads it again.
     """
     if not promise.text:
         return ""
@@ -41,7 +42,8 @@ def promise_lines(pairs: Iterable[Pair], promise: Promise) -> str:
 def promise_in(model: Any, geoms: tuple[int, int]) -> Promise | None:
     """Read the promise that `hcbench tune` wrote for two geoms of a compiled model.
 
-    geoms: their numbers, in either order. None where the model has none, or one in another form.
+    geoms: their numbers, in either order.
+    None where the model has none, or one in another form.
     """
     names = [str(model.geom(geom).name) for geom in geoms]
     for pair in (names, names[::-1]):
@@ -87,8 +89,9 @@ def slow_for_plugin(
     """Suspect a time step so long that the plug-in takes the slowest impacts for bodies at rest; at
     most one suspect.
 
-    impacts: of the model. law: e over speed that the plug-in was given. gravity: g along the
-    normal, m/s².
+    impacts: of the model.
+    law: e over speed that the plug-in was given.
+    gravity: g along the normal, m/s².
     It is suspected where an impact slower than _SLOW g h has an e below the law's by more than
     TOLERANCE.
     """
@@ -129,7 +132,8 @@ def broken_promise(
 
     promise: what it wrote into the model; of a promise without rows, which is a plug-in's, only the
     unit of gravity and the time step count.
-    geoms: numbers of the two. gravity: of the model, m/s².
+    geoms: numbers of the two.
+    gravity: of the model, m/s².
     contacts: number of MuJoCo's contacts of the pair at touch, one for each <pair> at each point; 0
     where that is not known.
     """
@@ -180,7 +184,8 @@ def _gravity(promise: Promise, gravity: float) -> Iterator[Suspect]:
     """Suspect another gravity than that under which the pair was tuned, or another unit of length;
     at most one suspect, none where the promise names no gravity.
 
-    gravity: of the model, m/s². A plug-in holds under any gravity in metres.
+    gravity: of the model, m/s².
+    A plug-in holds under any gravity in metres.
     """
     if math.isnan(promise.gravity):
         return
@@ -207,7 +212,8 @@ def _number_of_pairs(promise: Promise, count: int) -> Iterator[Suspect]:
     """Suspect that some of the <pair>s of two geoms that hcbench wrote are missing, or that others
     were added; at most one suspect.
 
-    promise: what hcbench wrote of the two. count: of their <pair>s in the model.
+    promise: what hcbench wrote of the two.
+    count: of their <pair>s in the model.
     """
     lost = promise.rows - count
     if lost > 0:
@@ -274,6 +280,7 @@ def _corners(promise: Promise, points: int) -> Iterator[Suspect]:
     """Suspect that the two meet at another number of points at once than the pair was tuned for:
     with more it gains energy, with fewer e is another. At most one suspect.
 
+    promise: what hcbench wrote.
     points: at which they meet; 0 where that is not known.
     """
     if not promise.corners or points in (0, promise.corners):
@@ -326,7 +333,9 @@ def _equal(now: str | float, promised: str | float) -> bool:
 def _set_option(model: Any, name: str, text: str) -> None:
     """Set one of the options of `option_in_force` in a compiled model, from its text in XML.
 
-    model: changed. name: of the option. text: as XML writes its value, such as "RK4" or "0.002".
+    model: changed.
+    name: of the option.
+    text: as XML writes its value, such as "RK4" or "0.002".
     """
     mujoco = backend()
     if name == "integrator":

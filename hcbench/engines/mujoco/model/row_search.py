@@ -98,8 +98,9 @@ _LEGS_LOWEST = np.array([1.5, -6.0, 0.0, *_LOWEST[3:]])
 def starting_rows(adhesive: bool) -> Rows:
     """A spring row and a damper row, of the kind that is searched for, before any are found.
 
-    adhesive: whether the damper may pull. Their numbers are middling ones: they only hold other feet
-    up while the rows of one kind of foot are searched.
+    adhesive: whether the damper may pull.
+    Their numbers are middling ones: they only hold other feet up while the rows of one kind of foot
+    are searched.
     """
     return (
         ConstraintRow.direct(2e4, 100.0, (0.999, 0.999, 1.0, 0.5, 1.0)),
@@ -110,9 +111,10 @@ def starting_rows(adhesive: bool) -> Rows:
 def _damper(damping: float, impedance: tuple[float, float, float], adhesive: bool) -> ConstraintRow:
     """A contact row that only damps, and the more the deeper the two bodies are.
 
-    damping: per unit mass, 1/s. impedance: its highest value, the depth at which it is reached
-    (m), and the midpoint, three numbers of solimp; at touch it is MuJoCo's least. adhesive: whether
-    the row may pull.
+    damping: per unit mass, 1/s.
+    impedance: its highest value, the depth at which it is reached (m), and the midpoint, three
+    numbers of solimp; at touch it is MuJoCo's least.
+    adhesive: whether the row may pull.
     """
     solimp = (MIN_IMPEDANCE, *impedance, POWER)
     adhesion = 0.0
@@ -143,9 +145,12 @@ class RowSearch:
     ) -> None:
         """Compile the model with sensors, and lay out the launches that each try takes.
 
-        spec: MjSpec with rows in it, to which sensors are added. opened: the model under each
-        attitude. goal: e over speed. band: lowest and highest impact speed, m/s. was: the model at
-        rest before. set_rows: writes rows into the pairs of a compiled model.
+        spec: MjSpec with rows in it, to which sensors are added.
+        opened: the model under each attitude.
+        goal: e over speed.
+        band: lowest and highest impact speed, m/s.
+        was: the model at rest before.
+        set_rows: writes rows into the pairs of a compiled model.
         """
         sensor_of = _add_distance_sensors(spec, opened)
         self._opened = opened
@@ -253,8 +258,9 @@ class RowSearch:
         """Cost of how the pairs rest with the rows of some members, (m,), in units of e: it grows by
         _RESTLESS for each power of ten of vibration and of depth above what is free.
 
-        tried: indices of the members, (m,). Vibration (m/s; infinite where the state diverged) and
-        depth (m) are those a while after the bodies were laid down, the largest of all pairs.
+        tried: indices of the members, (m,).
+        Vibration (m/s; infinite where the state diverged) and depth (m) are those a while after the
+        bodies were laid down, the largest of all pairs.
         """
         largest_vibration = np.zeros(len(tried))
         largest_depth = np.zeros(len(tried))
@@ -279,8 +285,10 @@ class RowSearch:
     ) -> tuple[Floats, Floats]:
         """Simulate launches with the rows of each member: e, (m, n), and impact speed, m/s, (m, n).
 
-        tried: indices of the members, (m,). number: index of the opened model whose pair is read.
-        states: at release, one row for each of n launches. control: (nu,).
+        tried: indices of the members, (m,).
+        number: index of the opened model whose pair is read.
+        states: at release, one row for each of n launches.
+        control: (nu,).
 
         Speeds are those at the touch plane, of the parabola of free flight through three states, 0
         where it does not reach the plane. e is 0 for a launch that does not part, also where its
@@ -313,8 +321,10 @@ class RowSearch:
         """Simulate launches with the rows of each member: penetration of the pair of one opened model
         after each step, m, (m, n, steps).
 
-        tried: indices of the members, (m,). number: index of the opened model.
-        states: at release, one row for each of n launches. control: for all steps, (nu,).
+        tried: indices of the members, (m,).
+        number: index of the opened model.
+        states: at release, one row for each of n launches.
+        control: for all steps, (nu,).
         """
         if len(tried) == 0:
             return np.empty((0, len(states), steps))
@@ -338,8 +348,9 @@ class RowSearch:
         parameters: (7,). Of the spring its half period in steps, and logarithms of its loss a step
         and of the odds d/(1 - d) of its impedance; of the damper logarithms of its damping times h,
         the odds of its impedance, the width of solimp over v h, v the band's highest speed, and its
-        midpoint. adhesive: whether the damper may pull.
-        Numbers have the digits that are written into the model: what is tried is what users paste.
+        midpoint.
+        adhesive: whether the damper may pull. Numbers have the digits that are written into the
+        model: what is tried is what users paste.
         """
         half_period, log_loss, spring_odds, log_damping, damper_odds, log_width, log_midpoint = (
             parameters
@@ -360,7 +371,8 @@ class RowSearch:
     def best(self, adhesive: bool) -> Rows:
         """Rows of the least cost that an evolution finds; the same for the same model.
 
-        adhesive: whether the damper may pull. Raises EngineFailed for a fatal error of MuJoCo's.
+        adhesive: whether the damper may pull.
+        Raises EngineFailed for a fatal error of MuJoCo's.
 
         Members of the evolution are parameters of `rows`, (7,); it starts with those that long
         searches found in other models, and random ones.
@@ -391,9 +403,10 @@ def _add_distance_sensors(spec: Any, opened: Sequence[MujocoModel]) -> list[int]
     """Add a sensor to a spec for each two geoms that meet: their distance, m; return for each model
     the index of its sensor among these.
 
-    spec: changed. opened: the models, each with its pair at touch. The sensors come last in the
-    compiled model's sensor data, in the order of their indices. The attitudes of a pair share its
-    sensor, which takes time in each step.
+    spec: changed.
+    opened: the models, each with its pair at touch. The sensors come last in the compiled model's
+    sensor data, in the order of their indices. The attitudes of a pair share its sensor, which
+    takes time in each step.
     """
     mujoco = backend()
     # In the order of their numbers.
@@ -418,7 +431,8 @@ def _speeds_and_phases(band: tuple[float, float], is_large: bool) -> list[tuple[
     """Plan of the launches of a search: (speed, m/s; phase, where in a step it touches, 0 to 1) of
     each, over the band, then of some slower ones.
 
-    band: lowest and highest impact speed, m/s. is_large: the model is slow, so fewer launches.
+    band: lowest and highest impact speed, m/s.
+    is_large: the model is slow, so fewer launches.
     """
     low, high = band
     count, phases = _GRID_SMALL

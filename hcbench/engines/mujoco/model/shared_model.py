@@ -54,9 +54,11 @@ class LentModel(ModelUnderTest):
     def __init__(self, own: OpenedModel, engine: SharedModelEngine, as_given: bool = True) -> None:
         """Make the engine's copies of the model.
 
-        own: the model as MuJoCo opened it. engine: that steps. as_given: the model is the user's
-        own, without fixes. Raises SceneError for what the engine does not have, SettingError for a
-        step too short for its numbers.
+        own: the model as MuJoCo opened it.
+        engine: that steps.
+        as_given: the model is the user's own, without fixes.
+        Raises SceneError for what the engine does not have, SettingError for a step too short for
+        its numbers.
         """
         self._own = own
         self._engine = engine
@@ -101,8 +103,9 @@ class LentModel(ModelUnderTest):
         """Suspects of the engine: its differences from MuJoCo that matter to the pair, then what
         MuJoCo itself suspects in the model.
 
-        impacts: as the engine stepped them. wanted: e over speed, None where the user named none.
-        One launch of each speed is simulated in MuJoCo itself, to compare.
+        impacts: as the engine stepped them.
+        wanted: e over speed, None where the user named none. One launch of each speed is simulated
+        in MuJoCo itself, to compare.
         """
         own = self._own.suspects(impacts, wanted)
         # The engine's differences concern the user's own contact: not one with fixes.
@@ -249,7 +252,8 @@ class LentFlight(MujocoFlight):
 
         It is MuJoCo's force from the same state, plus the difference of the engine's momentum from
         that after MuJoCo's step, over the time step.
-        solved: force of MuJoCo's solver, N. seen: MjData of the state before the step.
+        solved: force of MuJoCo's solver, N.
+        seen: MjData of the state before the step.
         """
         row = self._reader.row(seen)
         # By how much the engine slowed the approach more than MuJoCo did, and its round-off, m/s.
@@ -272,7 +276,8 @@ class LentSimulation(Flights[LentFlight]):
         """Put each launch into a copy of the model, and begin it in the state that the copy then has,
         which is rounded to the engine's numbers.
 
-        copies: of the model, at least as many as flights. flights: each at its release.
+        copies: of the model, at least as many as flights.
+        flights: each at its release.
         """
         super().__init__(flights)
         self._copies = copies

@@ -162,7 +162,8 @@ class MujocoFlight:
         """Take up to `steps` more steps, as the user's own loop would, and return a record of them.
 
         after: steps to take once the two have parted; a launch that turns back without a touch ends
-        at once. None: all steps.
+        at once.
+        None: all steps.
 
         The record has one launch: (1, n), n <= steps; oblique launches have motion along the plate,
         too. Its last step is NaN where MuJoCo reset the state. Raises EngineFailed for a fatal
@@ -186,8 +187,9 @@ class MujocoFlight:
         """Take steps and read the pair in each: penetration (m), rate (m/s, above 0 on approach) and
         force (N), (3, n); and the motion along the plate, (8, n), None but for oblique launches.
 
-        steps: most to take, 1 or more. after: how many more once the two have parted; None: all.
-        A launch also ends where the state is not finite, and where it turns back without a touch.
+        steps: most to take, 1 or more.
+        after: how many more once the two have parted; None: all. A launch also ends where the state
+        is not finite, and where it turns back without a touch.
         Raises MuJoCo's FatalError. Under RK4 a step is read when the next one is known.
         """
         rows: list[_Step] = []
@@ -329,9 +331,10 @@ class MujocoFlight:
     def _depth_in_flight(self, rate: float, seen: Any) -> float:
         """Penetration in a state without a contact, m, from that of the step before.
 
-        rate: approach rate in the state, m/s. seen: MjData of the state. The integrator moved the
-        pair by this new rate, RK4 by the mean of the two. Near the touch plane the distance of the
-        geoms is measured instead.
+        rate: approach rate in the state, m/s.
+        seen: MjData of the state.
+        The integrator moved the pair by this new rate, RK4 by the mean of the two. Near the touch
+        plane the distance of the geoms is measured instead.
         """
         if self._steps == 1:
             return self._x
@@ -354,7 +357,8 @@ class MujocoFlight:
         """Force of the pair in the step just taken, N: MuJoCo's, or, where a plug-in's law acts by
         impulses, the mean force by the change of momentum.
 
-        solved: force of MuJoCo's solver, N. seen: MjData of the state before the step.
+        solved: force of MuJoCo's solver, N.
+        seen: MjData of the state before the step.
         """
         if self._beside is None:
             return solved
@@ -539,17 +543,23 @@ def follow_in_c(
     """Step a model with one free body n times in C, and record the motion; return False, having done
     nothing, without the library.
 
+    data: MjData; moved on.
     contacts, speeds, heights: filled, for each of n states: the number of contacts in the step that
     led to it, (n,), qvel, (n, 6), and the height after the step from it, m, (n,).
-    Raises MuJoCo's FatalError.
+    Raises EngineFailed for a fatal error of MuJoCo's.
     """
     library = loop_in_c()
     if library is None:
         return False
     arrays = [array.ctypes.data for array in (contacts, speeds, heights)]
     if library.follow(model._address, data._address, len(contacts), *arrays) == _FATAL_ERROR:
-        raise backend().FatalError(library.fatal_error().decode(errors="replace"))
+        raise _fatal_error(library)
     return True
+
+
+def _fatal_error(library: ctypes.CDLL) -> EngineFailed:
+    """The error to raise where MuJoCo ended a loop in C: in its words, the last of this thread."""
+    return EngineFailed("mujoco", library.fatal_error().decode(errors="replace"), "")
 
 
 def flights_of(opened: OpenedModel, launches: Sequence[Launch]) -> list[MujocoFlight]:
@@ -573,6 +583,8 @@ def _is_plain(opened: OpenedModel, launches: Sequence[Launch], space: LaunchWork
 
     It has no RK4, no plug-in of hcbench's that sets e, no motion along the plate and no distance to
     height fields. A callback in Python would need the interpreter in each step.
+    launches: all that are to be stepped.
+    space: their memory, which has parts for what they need.
     """
     mujoco = backend()
     return (
@@ -621,7 +633,8 @@ class PairInC:
 class CompiledFlight(MujocoFlight):
     """One launch of a placed pair, stepped by MuJoCo and read in C, by `CompiledSimulation`.
 
-    addresses: of its `_Launch` and of its state, for C. data: MjData in which it is stepped.
+    addresses: of its `_Launch` and of its state, for C.
+    data: MjData in which it is stepped.
     """
 
     def __init__(
@@ -629,8 +642,10 @@ class CompiledFlight(MujocoFlight):
     ) -> None:
         """Put the pair where the launch begins.
 
-        opened: the model under test, with its pair at touch. space: MjData in which this launch is
-        stepped. pair: of the model under test, for C. Only normal launches come here.
+        opened: the model under test, with its pair at touch.
+        space: MjData in which this launch is stepped.
+        pair: of the model under test, for C.
+        Only normal launches come here.
         """
         super().__init__(opened, launch, space)
         contact = opened.place.contact
@@ -656,8 +671,9 @@ class CompiledFlight(MujocoFlight):
         """Note the touch in steps that C has taken, and keep what each cause added to the approach,
         from the first step with a force on.
 
-        read: penetration (m), rate (m/s) and force (N) of each step, (n, 3). parts: accelerations
-        of the approach by each of NAMES, m/s², (n, causes), known where `is_counted`, (n,).
+        read: penetration (m), rate (m/s) and force (N) of each step, (n, 3).
+        parts: accelerations of the approach by each of NAMES, m/s², (n, causes), known where
+        `is_counted`, (n,).
         """
         steps = self._launch.steps
         begin = steps - len(read)
@@ -688,6 +704,12 @@ class CompiledSimulation(Flights[CompiledFlight]):
     def __init__(
         self, opened: OpenedModel, flights: Sequence[CompiledFlight], after: int | None
     ) -> None:
+        """Take up launches, each left at its start.
+
+        opened: the model under test.
+        flights: one or more, in one workspace.
+        after: steps to take once the two have parted; None: all that are asked for.
+        """
         super().__init__(flights)
         self._opened = opened
         self._data = flights[0].data
@@ -720,7 +742,7 @@ class CompiledSimulation(Flights[CompiledFlight]):
                 *(array.ctypes.data for array in (read, parts, is_counted, taken)),
             )
             if result == _FATAL_ERROR:
-                raise backend().FatalError(library.fatal_error().decode(errors="replace"))
+                raise _fatal_error(library)
         self._opened.warned.extend(warned)
         if result < 0:
             raise EngineFailed("mujoco", "no memory for a step", "a model that fits into memory")

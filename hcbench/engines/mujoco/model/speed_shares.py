@@ -53,8 +53,9 @@ class SpeedShares:
     def __init__(self, model: Any, sides: NDArray[np.int8]) -> None:
         """Begin with sums of zero, for one launch.
 
-        model: MjModel. sides: of each geom, 1 for those of the moving part, 2 for the other's, else
-        0, (ngeom + 1,).
+        model: MjModel.
+        sides: of each geom, 1 for those of the moving part, 2 for the other's, else 0, (ngeom +
+        1,).
         """
         self._model = model
         self._sides = sides
@@ -103,15 +104,16 @@ class SpeedShares:
         constraints = [constraint, 0.0, 0.0, 0.0, 0.0]
         if others or data.ne or data.nf or data.nl:
             constraints = self._by_constraint(data, moved)
-        # MuJoCo counts adhesion among the passive forces. The bias is on the other side of the equation
-        # of motion.
+        # In the order of NAMES. MuJoCo counts adhesion among the passive forces, and has the bias,
+        # which is weight and motion of the links, on the other side of the equation of motion.
         parts = [*constraints, actuators, passive - adhesion, adhesion, -bias]
         self.keep([step], np.array([parts]))
 
     def keep(self, steps: Sequence[int], accelerations: Floats) -> None:
         """Add steps whose accelerations of the approach by each of NAMES are known.
 
-        steps: their numbers in the launch, rising. accelerations: of each, m/s², (n, causes).
+        steps: their numbers in the launch, rising.
+        accelerations: of each, m/s², (n, causes).
         """
         self._at += steps
         self._parts.append(accelerations)

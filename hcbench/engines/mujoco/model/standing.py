@@ -9,7 +9,7 @@ import itertools
 import math
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -75,9 +75,10 @@ def standing(opened: Sequence[OpenedModel]) -> Standing:
     """Measure how pairs of one model rest: on the level, on a slope, in a grasp, and as they slide;
     and what a step costs. NaN for what the model does not have.
 
-    opened: the model with each of the pairs at touch, one or more. Level, slope and cost are of the
-    first pair, if its second part stands still; the grasp is of the first two that hold one body
-    from both sides, the hop the highest of loose bodies that slide.
+    opened: the model with each of the pairs at touch, one or more.
+    Level, slope and cost are of the first pair, if its second part stands still; the grasp is of
+    the first two that hold one body from both sides, the hop the highest of loose bodies that
+    slide.
     """
     first = opened[0]
     held = [pair for pair in itertools.combinations(opened, 2) if _is_grasp(*pair)]
@@ -131,8 +132,9 @@ def rest_on_slope(opened: OpenedModel, data: Any) -> tuple[float, Rest]:
     """Let a pair rest on a slope, and return the slope, rad, and how it rests; NaN where the pair has
     no friction.
 
-    opened: the model with the pair. data: MjData at rest on the level; moved on. Gravity is turned
-    in place of the bodies.
+    opened: the model with the pair.
+    data: MjData at rest on the level; moved on.
+    Gravity is turned in place of the bodies.
     """
     angle = slope_of(_friction_of(opened))
     if not angle > 0.0:
@@ -152,16 +154,17 @@ def rest_of_pair(opened: OpenedModel) -> Rest | None:
 def laid_down(opened: OpenedModel) -> tuple[Rest | None, Any]:
     """Let a pair come to rest: how it rests, and the MjData at the end.
 
-    opened: with the pair at touch. It begins at the model's start if the two touch there, else at
-    the touch if gravity presses them together. The rest is None where nothing holds the two
-    together, DIVERGED where the state is not finite at the end.
+    opened: with the pair at touch.
+    It begins at the model's start if the two touch there, else at the touch if gravity presses them
+    together. The rest is None where nothing holds the two together, DIVERGED where the state is not
+    finite at the end.
     """
     data = copy.copy(opened.start)
     place = opened.place
     data.time = 0.0
     with captured_warnings():
         backend().mj_forward(opened.model, data)
-        if not _touches(opened, data):
+        if not _has_contact(opened, data):
             if not place.gravity > 0.0:
                 return None, data
             data.qpos[:] = place.qpos
@@ -173,8 +176,10 @@ def laid_down(opened: OpenedModel) -> tuple[Rest | None, Any]:
         return None, data
 
 
-def _touches(opened: OpenedModel, data: Any) -> bool:
-    """Say whether `data` has a contact of the pair, by the sides of its geoms."""
+def _has_contact(opened: OpenedModel, data: Any) -> bool:
+    """Say whether MuJoCo has a contact of the pair in `data`, an MjData after collision detection;
+    within the margins of its geoms it has one of two that do not touch yet.
+    """
     return bool((opened.place.pair.sides[data.contact.geom].sum(axis=1) == BOTH_SIDES).any())
 
 
@@ -257,7 +262,9 @@ def _followed(
     """Take n steps, and read after each the position of the pair's moving body from another, m, (n,
     3), the force of the pair's contact, N, (n,), and its penetration, m, (n,).
 
-    data: MjData; moved on. steps: n. from_body: number of the other body; 0: the world.
+    data: MjData; moved on.
+    steps: n.
+    from_body: number of the other body; 0: the world.
     """
     position = np.zeros((steps, 3))
     force = np.zeros(steps)
@@ -273,19 +280,30 @@ def _followed(
     return position, force, depth
 
 
-def force_and_depth(opened: OpenedModel, data: Any, sides: Sequence[int]) -> tuple[float, float]:
-    """Force of the pair's contact, N, and penetration at its deepest point, m; 0 without one.
+class ForceAndDepth(NamedTuple):
+    """Contact of a pair in one state: force along its normal, N, and depth of its deepest point, m,
+    counted from where the force begins. Both are 0 without a contact.
+    """
 
-    data: MjData. sides: of each geom, as a list: 1 for the first part's, 2 for the second's, else
-    0; with one 0 more at the end, which a flex takes, as its geom is -1. The penetration counts from
-    where the force begins. Of a few contacts NumPy would take ten times as long.
+    force: float
+    depth: float
+
+
+def force_and_depth(opened: OpenedModel, data: Any, sides: Sequence[int]) -> ForceAndDepth:
+    """Read the contact of the pair in a state.
+
+    data: MjData of the state, with its contacts and forces.
+    sides: of each geom, as a list: 1 for the first part's, 2 for the second's, else 0; with one 0
+    more at the end, which a flex takes, as its geom is -1.
+    The penetration counts from where the force begins. Of a few contacts NumPy would take ten times
+    as long.
     """
     contacts = data.contact
     of_pair = [
         i for i, (a, b) in enumerate(contacts.geom.tolist()) if sides[a] + sides[b] == BOTH_SIDES
     ]
     if not of_pair:
-        return 0.0, 0.0
+        return ForceAndDepth(0.0, 0.0)
     distances = contacts.dist.tolist()
     # In the contact's frame, the normal first.
     wrench = np.zeros(6)
@@ -293,7 +311,8 @@ def force_and_depth(opened: OpenedModel, data: Any, sides: Sequence[int]) -> tup
     for i in of_pair:
         backend().mj_contactForce(opened.model, data, i, wrench)
         force += float(wrench[0])
-    return force, opened.place.contact.onset - min(distances[i] for i in of_pair)
+    nearest = min(distances[i] for i in of_pair)
+    return ForceAndDepth(force, opened.place.contact.onset - nearest)
 
 
 def _is_grasp(one: OpenedModel, other: OpenedModel) -> bool:
@@ -339,8 +358,9 @@ def _highest_hop(opened: Sequence[OpenedModel]) -> float:
     """The largest hop of loose bodies that are laid down sliding on what stands still, m; NaN where
     there are none.
 
-    opened: the model with each of its pairs at touch. The first body of a pair is loose if gravity
-    presses it on what stands still and nothing else, such as a joint or servo, acts on it.
+    opened: the model with each of its pairs at touch.
+    The first body of a pair is loose if gravity presses it on what stands still and nothing else,
+    such as a joint or servo, acts on it.
     """
     hops = []
     for each in opened:
@@ -355,8 +375,9 @@ def _hop(opened: OpenedModel) -> float:
     """Lay a body down as it slides at _SLIDING_SPEED, and measure how high its centre hops above its
     start, m; NaN where it cannot slide, infinite where the state is not finite at the end.
 
-    opened: with the pair at touch. What gravity lets it fall in one step, g h², is taken off: in the
-    first step the contact does not act yet.
+    opened: with the pair at touch.
+    What gravity lets it fall in one step, g h², is taken off: in the first step the contact does
+    not act yet.
     """
     mujoco = backend()
     model = opened.model
@@ -385,15 +406,15 @@ def _hop(opened: OpenedModel) -> float:
 
 def _force(opened: OpenedModel, data: Any) -> float:
     """Force of the pair's contact, N."""
-    force, _ = force_and_depth(opened, data, opened.place.pair.sides.tolist())
-    return force
+    return force_and_depth(opened, data, opened.place.pair.sides.tolist()).force
 
 
 def _cost(opened: OpenedModel, data: Any) -> tuple[float, float]:
     """Cost of one step at rest: iterations of the solver and seconds of CPU, means over _TIMED
     steps, the time the shortest of _REPEATS.
 
-    data: MjData at rest; moved on. Iterations of islands, which MuJoCo solves one by one, add up.
+    data: MjData at rest; moved on.
+    Iterations of islands, which MuJoCo solves one by one, add up.
     """
     mujoco = backend()
     model = opened.model
@@ -421,15 +442,18 @@ _GUIDED = 0.02
 class _ForceAtTouch:
     """The contact of a pair in a state: force on the moving part, N; the point where it acts, m.
 
-    normal: N, apart. along: friction, (3,) in the world. axes: along the plate, (2, 3).
+    normal: N, apart.
+    along: friction, (3,) in the world.
+    axes: along the plate, (2, 3).
     """
 
     def __init__(self, opened: OpenedModel, data: Any) -> None:
         """Add up the forces of all contacts of the pair; without one they are 0, and the point is that
         of the touch.
 
-        opened: the model with the pair. data: MjData after a step or mj_forward. The axes are those
-        of the last contact: all lie in one plate.
+        opened: the model with the pair.
+        data: MjData after a step or mj_forward. The axes are those of the last contact: all lie in
+        one plate.
         """
         # 1 for geoms of the first part, 2 for those of the second, else 0.
         sides = opened.place.pair.sides
@@ -461,9 +485,10 @@ def carried_by(opened: OpenedModel) -> Carried:
     """Measure what the contact of a pair carries at rest: multiples of its load, the limits of
     friction, and the creep on a slope; nothing where the two do not come to rest on each other.
 
-    opened: with the pair at touch. Forces act on the moving part, at the point where the contact
-    bears it: so they turn no joint while the contact holds. Creep is left NaN for parts that joints
-    move, for a plate that is tilted or moves, and without friction.
+    opened: with the pair at touch.
+    Forces act on the moving part, at the point where the contact bears it: so they turn no joint
+    while the contact holds. Creep is left NaN for parts that joints move, for a plate that is
+    tilted or moves, and without friction.
     """
     # How it rests, and the MjData at the end.
     rest, data = laid_down(opened)
@@ -497,7 +522,8 @@ def _creep(opened: OpenedModel, data: Any) -> tuple[float, float]:
     """Let a pair rest on a slope, and return the slope, rad, and the speed with which the body creeps
     down it, m/s, NaN for one that rolls.
 
-    opened: the model with the pair. data: MjData of the body at rest on the level; moved on.
+    opened: the model with the pair.
+    data: MjData of the body at rest on the level; moved on.
     """
     slope, rest = rest_on_slope(opened, data)
     body = opened.place.pair.first.body
@@ -513,8 +539,9 @@ def _push(opened: OpenedModel, data: Any, touch: _ForceAtTouch, force: Floats) -
     """Let a force, N, (3,), act on the moving part where the two touch, and its opposite on the
     other part, in all steps that `data` takes from now on.
 
-    data: MjData; changed. touch: the contact of the pair at rest. A part that is welded to the
-    world needs no force.
+    data: MjData; changed.
+    touch: the contact of the pair at rest.
+    A part that is welded to the world needs no force.
     """
     pair = opened.place.pair
     for sign, body in ((1.0, pair.first.body), (-1.0, pair.second.body)):
@@ -528,7 +555,9 @@ def _pressed(opened: OpenedModel, resting: Any, touch: _ForceAtTouch, times: flo
     """Press a resting pair together, so that its contact bears `times` its force at rest, and measure
     what it bears then: force, N, and penetration, m, over the last LAST of the steps.
 
-    resting: MjData at rest, which stays as it is. touch: the contact in it. times: above 1.
+    resting: MjData at rest, which stays as it is.
+    touch: the contact in it.
+    times: above 1.
     """
     model = opened.model
     data = copy.copy(resting)
@@ -551,7 +580,8 @@ def _friction(opened: OpenedModel, resting: Any, touch: _ForceAtTouch) -> list[f
     half-way between the two; [NaN] for parts that joints keep from moving along the plate, and for
     a body that other contacts hold, too.
 
-    resting: MjData of the pair at rest, which stays as it is. touch: the contact in it.
+    resting: MjData of the pair at rest, which stays as it is.
+    touch: the contact in it.
     The pair is pushed along its plate by more than friction bears, so the friction is at its limit.
     A pyramidal cone has a lower limit between its axes.
     """

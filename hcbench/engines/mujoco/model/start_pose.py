@@ -5,7 +5,7 @@ joints set, within their limits.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -76,7 +76,8 @@ def _require_metres(label: str, gravity: float) -> None:
     """Raise QuantityError for a model whose gravity is the Earth's in another unit of length, such as
     981 for centimetres; not with --beyond-bounds.
 
-    label: the model's name in errors. gravity: its magnitude, in the model's units.
+    label: the model's name in errors.
+    gravity: its magnitude, in the model's units.
     """
     for unit, per_metre in _OTHER_UNITS.items():
         looks_like_it = abs(gravity / (STANDARD_GRAVITY * per_metre) - 1.0) < _EARTH
@@ -111,7 +112,8 @@ def require_plausible_state(model: Any, data: Any) -> None:
 def require_quaternions(model: Any, qpos: Floats, slot: str) -> None:
     """Raise QuantityError for a pose in which the quaternion of a joint has the length 0.
 
-    qpos: one pose, (nq,), or several, (n, nq). slot: name of what has them, for the error.
+    qpos: one pose, (nq,), or several, (n, nq).
+    slot: name of what has them, for the error.
     """
     kinds = backend().mjtJoint
     for joint in range(model.njnt):
@@ -255,7 +257,8 @@ def _free_joint(model: Any, name: str) -> int | None:
 
 
 def require_joints_within_limits(model: Any, data: Any, bodies: tuple[int, ...]) -> None:
-    """Raise UserError for a pose in which joints are far outside their limits.
+    """Raise UserError, with the joint values that cure it, for a pose in which joints are more than
+    5 degrees, or 1 mm of a slide, beyond their limits.
 
     data: MjData with the pose in qpos.
     bodies: numbers of the pair's bodies; only joints of their trees, such as a robot, count.
@@ -263,24 +266,40 @@ def require_joints_within_limits(model: Any, data: Any, bodies: tuple[int, ...])
     roots = {int(model.body_rootid[body]) for body in bodies if body}
     outside = []
     for joint in range(model.njnt):
-        if (
-            not model.jnt_limited[joint]
-            or int(model.body_rootid[model.jnt_bodyid[joint]]) not in roots
-        ):
+        root = int(model.body_rootid[model.jnt_bodyid[joint]])
+        if root not in roots or not model.jnt_limited[joint]:
             continue
-        beyond, allowed, nearest = beyond_limit(model, data, joint)
-        if beyond > allowed:
+        at = joint_at_limit(model, data, joint)
+        if at.is_far_beyond:
             name = joint_name(model, joint)
-            outside.append(JointBeyondLimit(name, beyond, allowed == TURNED, nearest))
+            outside.append(JointBeyondLimit(name, at.beyond, at.turns, at.nearest))
     require_no_joint_beyond(outside, "another --key, or from ")
 
 
-def beyond_limit(model: Any, data: Any, joint: int) -> tuple[float, float, float]:
-    """Compare a joint with its limit: how far it is beyond, how far it may be, and the nearest value
-    within the limit; m for a slide, else rad.
+class JointAtLimit(NamedTuple):
+    """Where a joint is beside its limit; m for a slide, else rad.
 
-    data: MjData with the pose in qpos. joint: number of a limited joint. The limit of a ball joint
-    is on the angle of its turn: the first number is below 0 inside it, and the last is NaN.
+    beyond: how far it is beyond the limit, 0 within it; of a ball joint below 0 within it.
+    nearest: the nearest value within the limit; NaN for a ball joint, whose limit is on the angle
+    of its turn.
+    turns: whether it turns, as hinges and balls do.
+    """
+
+    beyond: float
+    nearest: float
+    turns: bool
+
+    @property
+    def is_far_beyond(self) -> bool:
+        """True beyond what rounding in a model explains: 5 degrees, or 1 mm of a slide."""
+        return self.beyond > (TURNED if self.turns else MOVED)
+
+
+def joint_at_limit(model: Any, data: Any, joint: int) -> JointAtLimit:
+    """Compare a joint with its limit.
+
+    data: MjData with the pose in qpos.
+    joint: number of a limited joint.
     """
     kinds = backend().mjtJoint
     kind = int(model.jnt_type[joint])
@@ -289,10 +308,7 @@ def beyond_limit(model: Any, data: Any, joint: int) -> tuple[float, float, float
     if kind == kinds.mjJNT_BALL:
         # The scalar part of a quaternion, which comes first, is the cosine of half the angle.
         angle = 2.0 * math.acos(min(1.0, abs(float(data.qpos[address]))))
-        return angle - high, TURNED, math.nan
+        return JointAtLimit(beyond=angle - high, nearest=math.nan, turns=True)
     value = float(data.qpos[address])
     nearest = float(np.clip(value, low, high))
-    allowed = TURNED
-    if kind == kinds.mjJNT_SLIDE:
-        allowed = MOVED
-    return abs(value - nearest), allowed, nearest
+    return JointAtLimit(abs(value - nearest), nearest, turns=kind != kinds.mjJNT_SLIDE)

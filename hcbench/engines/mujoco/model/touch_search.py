@@ -96,7 +96,8 @@ class TouchSearch:
         """Find the smallest depth, m, of _DEPTHS beyond a travel at which the contact's normal
         opposes the motion: the depth and the contact; None where there is none.
 
-        travel: at touch, m. Shallower contacts can have any normal, as rounding decides it.
+        travel: at touch, m.
+        Shallower contacts can have any normal, as rounding decides it.
         """
         for share in _DEPTHS:
             contact = self._contact(travel + share * self.pair.size)
@@ -150,6 +151,7 @@ def _push_on(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Float
     """Acceleration, (k,), of k degrees of freedom by a unit push, with the
     others of their tree at rest.
 
+    data: MjData with its mass matrix.
     dofs: their numbers, in the order of the result.
     row: (nv,), Jacobian of the approach rate.
     """
@@ -207,8 +209,9 @@ def swing_to_touch(
     """Bring two parts together along the arc of joints that turn, within the joints' limits, in
     strides of up to _STRIDE m.
 
-    data: MjData; at the end its qpos is where they meet. dofs: numbers of the degrees of freedom
-    that move. row: Jacobian of the approach rate at the start, (nv,).
+    data: MjData; at the end its qpos is where they meet.
+    dofs: numbers of the degrees of freedom that move.
+    row: Jacobian of the approach rate at the start, (nv,).
 
     Returns the velocity with which they approach at 1 m/s where they meet, (nv,); None where the
     joints do not lead there, or not within _ROUNDS strides.

@@ -63,11 +63,14 @@ def attitudes(model: Any, label: str, state: Any, request: Request) -> list[tupl
     """Ways in which a pair can meet: (attitude, request) of each; one of ("", request) where there
     is only one.
 
-    model: compiled MjModel. label: its name in errors. state: MjData to start from, or None.
+    model: compiled MjModel.
+    label: its name in errors.
+    state: MjData to start from, or None.
     Attitudes are "face", "edge" and "vertex" of a box, "face", "side" and "rim" of a cylinder. A
-    body of one box or cylinder, on a free joint of its own, has several against a flat geom of
-    what stands still, where nothing else touches it. The requests differ in their pose, qpos in m
-    and quaternions. Raises UserError or SceneError where the pair cannot be brought to touch.
+    body of one box or cylinder, on a free joint of its own, has several against a flat geom of what
+    stands still, where nothing else touches it. The requests differ in their pose, qpos in m and
+    quaternions.
+    Raises UserError or SceneError where the pair cannot be brought to touch.
     """
     placed = MujocoModel(model, label, state, request)
     # The geom of the body that moves, and what it meets.
@@ -110,7 +113,8 @@ def _turned(placed: MujocoModel, geom: int, way: tuple[float, float, float]) -> 
     """qpos of the model with its loose body turned so that a part of its surface points at the other
     body, (nq,), and backed off.
 
-    placed: the model, with the pair at touch. geom: number of the loose body's geom.
+    placed: the model, with the pair at touch.
+    geom: number of the loose body's geom.
     way: direction to that part, in half sizes along the geom's own axes: (0, 0, 1) is its upper
     face, (1, 1, 1) a vertex of a box.
     """
@@ -151,8 +155,9 @@ def _is_loose(model: Any, body: int) -> bool:
 def _is_touched(model: Any, start: Any, geom: int, other: int) -> bool:
     """Say whether a third geom touches a geom at the start, or is within _NEAR m of it.
 
-    start: MjData of the start. geom, other: numbers of the geom, and of the one that it may touch.
-    Only geoms count whose masks let them collide.
+    start: MjData of the start.
+    geom, other: numbers of the geom, and of the one that it may touch. Only geoms count whose masks
+    let them collide.
     """
     mujoco = backend()
     data = copy.copy(start)
@@ -196,8 +201,9 @@ def attitudes_of(source: Any, request: Request) -> list[tuple[str, Request]]:
     """Ways in which a pair of a user's model can meet, such as the face, edge and vertex of a box:
     (attitude, request) of each; one of ("", request) where there is only one.
 
-    source: a file, MJCF text, MjModel or MjSpec. Raises SceneError for a model that does not
-    compile, UserError where the pair cannot be brought to touch.
+    source: a file, MJCF text, MjModel or MjSpec.
+    Raises SceneError for a model that does not compile, UserError where the pair cannot be brought
+    to touch.
     """
     model, label, state = load(source, request)
     return attitudes(model, label, state, request)
@@ -269,10 +275,14 @@ def _searched(
     """Search the rows of each kind of pair in the user's model, one kind after the other; by
     `PairToTune.like`.
 
-    source: a file, MJCF text or an MjSpec. pairs: all that get rows. goal: e over speed. was: the
-    model at rest as it is. adhesive: whether rows may pull.
+    source: a file, MJCF text or an MjSpec.
+    pairs: all that get rows.
+    goal: e over speed.
+    was: the model at rest as it is.
+    adhesive: whether rows may pull.
     Kinds that are still to be searched have the starting rows meanwhile, as a robot stands and
-    bounces on all of its feet. Raises EngineFailed for a fatal error of MuJoCo's.
+    bounces on all of its feet.
+    Raises EngineFailed for a fatal error of MuJoCo's.
     """
     plain = spec_of(source).compile()
     rows_of: dict[_Kind, Rows] = {pair.like: starting_rows(adhesive) for pair in pairs}
@@ -305,7 +315,8 @@ def _row_setter(
     and leaves those of other kinds as they are.
 
     plain: the model as it is, whose cone and impratio hold where no row needs others.
-    pairs: of every kind. rows_of: their rows by kind.
+    pairs: of every kind.
+    rows_of: their rows by kind.
     like: the kind whose <pair>s the function writes.
     """
     # Every two geoms of the pairs of this kind.
@@ -339,7 +350,9 @@ def pairs_to_tune(
     """Read the pairs of a user's model that are to be tuned; `like` is the same for those that can
     have the same rows, being of one shape and nearly one load.
 
-    model: compiled. label: its name in errors. requests: of each pair, one for each attitude.
+    model: compiled.
+    label: its name in errors.
+    requests: of each pair, one for each attitude.
     Raises UserError for a model in which no <pair> keeps its e, UserError or SceneError where a
     pair cannot be measured.
     """
@@ -370,7 +383,8 @@ def _require_tunable(model: Any) -> None:
 def _read_pair(model: Any, label: str, requests: Sequence[Request]) -> PairToTune:
     """Read one pair of a user's model that is to be tuned, opened under each of its requests.
 
-    model: compiled; only copies of it are changed. label: its name in errors.
+    model: compiled; only copies of it are changed.
+    label: its name in errors.
     requests: of the pair, one for each attitude, one or more.
 
     Raises UserError or SceneError where the pair cannot be brought to touch, or has too many geoms.
@@ -434,7 +448,9 @@ def _setting(
     """Write rows into a copy of a user's model, and describe it as a setting: its notes, and how to
     open it and to write its texts.
 
-    source: the user's model. label: its name in errors. name: the setting's, for the user.
+    source: the user's model.
+    label: its name in errors.
+    name: the setting's, for the user.
     pairs: each pair with the rows that it gets.
     """
     made = written(source, pairs)
@@ -459,8 +475,9 @@ def _setting(
     def texts(promises: Sequence[Promise], output: Output) -> Texts:
         """The lines to paste, the whole model with them, and the lines that a model includes.
 
-        promises: one a pair, of what was measured. output: where the model and the included file
-        are to be written. The whole is the user's own text where it can stay, else MuJoCo's.
+        promises: one a pair, of what was measured.
+        output: where the model and the included file are to be written. The whole is the user's own
+        text where it can stay, else MuJoCo's.
         """
         sections = []
         for (pair, rows), promise in zip(pairs, promises, strict=True):

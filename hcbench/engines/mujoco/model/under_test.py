@@ -225,9 +225,11 @@ class MujocoModel(OpenedModel, LendsSteps):
     def suspects(self, impacts: Sequence[Impact], wanted: RestitutionCurve | None) -> list[Suspect]:
         """Suspects that may keep this pair from bouncing as wanted, likeliest first.
 
-        impacts: of the launches. wanted: e over speed; None where the user named none. If the
-        plug-in hcbench.restitution acts on the pair, only what concerns the plug-in is suspected;
-        if a promise of `hcbench tune` is broken, only that; and other contacts in either case.
+        impacts: of the launches.
+        wanted: e over speed; None where the user named none.
+        If the plug-in hcbench.restitution acts on the pair, only what concerns the plug-in is
+        suspected; if a promise of `hcbench tune` is broken, only that; and other contacts in either
+        case.
         """
         changed = self._changed_since_tuned()
         if (law := restitution_law(self.model, self.place.contact.geoms)) is not None:

@@ -49,10 +49,11 @@ class VariedPair(VariedContact):
         """Write a <pair> for every two geoms of the request's pair into a copy of the model, and
         compile it.
 
-        source: a path, MJCF text or an MjSpec. Raises SceneError for a model that does not compile,
-        UserError where it cannot be written or the pair cannot be measured.
+        source: a path, MJCF text or an MjSpec.
+        Raises SceneError for a model that does not compile, UserError where it cannot be written or
+        the pair cannot be measured.
         """
-        own = load(source, request)[0]
+        own = load(source, request).model
         self._label = label_of(source)
         # The distance from which the contact acts is that of the model as it is.
         onset = MujocoModel(own, self._label, None, request).place.contact.onset

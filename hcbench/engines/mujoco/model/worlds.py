@@ -71,9 +71,12 @@ class PairWorlds(ContactFamily):
     ) -> None:
         """Write a row of a middling e into a copy of the model, and compile it.
 
-        source: a file, MJCF text or an MjSpec. pairs: that get a row each. name: of the family, for
-        the user. row_of: the row of a pair that has a nominal e. impratio: of the whole model; 0:
-        its own. Raises UserError for a source that cannot be written.
+        source: a file, MJCF text or an MjSpec.
+        pairs: that get a row each.
+        name: of the family, for the user.
+        row_of: the row of a pair that has a nominal e.
+        impratio: of the whole model; 0: its own.
+        Raises UserError for a source that cannot be written.
         """
         self.name = name
         self._source = source
@@ -142,8 +145,10 @@ def families(source: Any, requests: Sequence[Request]) -> Iterator[PairWorlds]:
     """Yield families of contacts for pairs of a user's model; first those whose e depends least on
     where in a step a contact starts.
 
-    source: a file, MJCF text or an MjSpec. requests: one a pair. A row of one step comes first
-    where nothing slides and the integrator is not RK4; then springs, the softest and longest first.
+    source: a file, MJCF text or an MjSpec.
+    requests: one a pair.
+    A row of one step comes first where nothing slides and the integrator is not RK4; then springs,
+    the softest and longest first.
     Raises SceneError for a model that does not compile, UserError where a pair cannot be measured
     or no <pair> keeps its e.
     """
@@ -171,10 +176,13 @@ def _spring_row(
     """Contact row of a spring with a nominal e, whose friction stops a slip in one step where the
     cone allows it.
 
-    impedance: d of the spring and its damper. impratio: of the whole model; 0: no pair slides.
-    steps: in half a period of the spring. pair: whose contact it is, with its load. e: on a free
-    body. A stiff spring, of a high impedance, sets an acceleration whatever the mass, so it is not
-    scaled by the load.
+    impedance: d of the spring and its damper.
+    impratio: of the whole model; 0: no pair slides.
+    steps: in half a period of the spring.
+    pair: whose contact it is, with its load.
+    e: on a free body.
+    A stiff spring, of a high impedance, sets an acceleration whatever the mass, so it is not scaled
+    by the load.
     """
     load = pair.load
     if impedance > _SOFT:
@@ -203,8 +211,9 @@ def _impratio(model: Any, pairs: Sequence[PairToTune], impedance: float) -> floa
     """Choose the impratio of the whole model with which the friction of every pair is strong enough
     to hold, and creeps no faster than that of the user's own contact; two digits.
 
-    model: compiled, as the user has it. pairs: those that cannot slide ask for nothing. impedance:
-    of the normal row.
+    model: compiled, as the user has it.
+    pairs: those that cannot slide ask for nothing.
+    impedance: of the normal row.
     """
     own = float(model.opt.impratio)
     is_elliptic = model.opt.cone == backend().mjtCone.mjCONE_ELLIPTIC

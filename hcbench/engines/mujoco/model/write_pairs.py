@@ -99,7 +99,10 @@ class Load:
     def at_touch(cls, place: PairAtTouch, timestep: float, rk4: bool, slides: bool) -> Load:
         """Read the load on the contact of a pair that just touches.
 
-        timestep: s. rk4: the integrator is RK4. slides: the contact has friction.
+        place: the pair at touch.
+        timestep: s.
+        rk4: the integrator is RK4.
+        slides: the contact has friction.
         """
         mobility = estimated_mobility(
             place.pair.model, place.pair.first.body, place.pair.second.body
@@ -132,7 +135,8 @@ def row_choices(
     0 nor 1 anywhere, two rows whose e depends on speed as the target's, if `adhesive` with the
     pull that they may have, and without.
 
-    goal: e over speed. band: lowest and highest impact speed, m/s.
+    goal: e over speed.
+    band: lowest and highest impact speed, m/s.
     load: on the contact that the rows serve.
     adhesive: whether the two rows may pull.
 
@@ -175,8 +179,10 @@ def one_step(e: float, timestep: float) -> Rows:
 def spring_row(e: float, steps: int, load: Load, solimp: Solimp = SPRING_SOLIMP) -> ConstraintRow:
     """One row with this e and a half period of `steps` steps, for the load.
 
-    e: at least _LEAST_E is made. solimp: of one impedance. Euler's steps are matched exactly, so the
-    steps are whole; RK4 follows continuous time, in which the half period lasts as long.
+    e: at least _LEAST_E is made.
+    solimp: of one impedance.
+    Euler's steps are matched exactly, so the steps are whole; RK4 follows continuous time, in which
+    the half period lasts as long.
     """
     loss = -math.log(max(e, _LEAST_E))
     half_period = steps * load.timestep  # s
@@ -198,9 +204,11 @@ def _fitted(goal: RestitutionCurve, band: Band, load: Load, adhesive: bool) -> R
     """Fit two rows to a target: a spring, and a damper whose strength grows with depth, which become
     two <pair>s of the same two geoms.
 
-    goal: e over speed. band: lowest and highest impact speed, m/s. load: on the contact that the
-    rows serve. adhesive: whether the rows may pull. Raises SearchInterrupted with the best so far,
-    where the user stops the fit.
+    goal: e over speed.
+    band: lowest and highest impact speed, m/s.
+    load: on the contact that the rows serve.
+    adhesive: whether the rows may pull.
+    Raises SearchInterrupted with the best so far, where the user stops the fit.
     """
     h = load.timestep
     gravity = round(load.gravity, 2)
@@ -334,7 +342,8 @@ def own_text(source: Any, folder: Path | None, lines: str) -> str:
 def _includes_twice(text: str, path: Path) -> bool:
     """Say whether a file that a model includes has an <include> of its own.
 
-    text: of the model, without comments. path: of its file.
+    text: of the model, without comments.
+    path: of its file.
 
     MuJoCo looks for the inner file from the folder of the model first, so its name, which stays, may
     lead nowhere from another folder, or to another file.
@@ -355,7 +364,8 @@ def _included_file(match: re.Match[str], path: Path) -> Path:
 def _moved(text: str, path: Path, folder: Path) -> str:
     """A model's text with its includes as they are found from another folder.
 
-    path: of the file that the text is from. folder: where the text will be.
+    path: of the file that the text is from.
+    folder: where the text will be.
     """
 
     def moved(match: re.Match[str]) -> str:
@@ -369,7 +379,8 @@ def _moved(text: str, path: Path, folder: Path) -> str:
 def _directories(path: Path, folder: Path) -> str:
     """A <compiler> line by which a model finds its assets from another folder; "" without assets.
 
-    path: of the model. folder: of the file that is to be written.
+    path: of the model.
+    folder: of the file that is to be written.
     """
     spec = spec_of(path)
     if not _has_assets(spec):
@@ -432,7 +443,8 @@ class PairToTune:
 class Written(NamedTuple):
     """A spec with rows in it, what was written, and what to know.
 
-    lines: XML to paste. notes: sentences for the user.
+    lines: XML to paste.
+    notes: sentences for the user.
     names: of each geom of the pairs, by its number.
     own: whether the user's text can stay, with the lines added.
     step: that the lines set in place of the model's own, s; None where they set none.
@@ -465,10 +477,12 @@ class Written(NamedTuple):
 def texts_of(source: Any, made: Written, sections: Sequence[str], output: Output) -> Texts:
     """The lines to paste, the whole model with them, and a file of the lines to be included.
 
-    source: as the user gave it. made: the source with rows in it. sections: further XML sections of
-    the model. output: where the model and the included file are to be written. The whole is the
-    user's own text with the lines, or an <include> of them, at its end where that can be; else
-    MuJoCo's text of the model, which holds the lines itself and includes no file.
+    source: as the user gave it.
+    made: the source with rows in it.
+    sections: further XML sections of the model.
+    output: where the model and the included file are to be written. The whole is the user's own
+    text with the lines, or an <include> of them, at its end where that can be; else MuJoCo's text
+    of the model, which holds the lines itself and includes no file.
     Raises UserError for a file that is not in UTF-8.
     """
     # An empty section would leave an empty line.
@@ -490,10 +504,11 @@ def written(
 ) -> Written:
     """Write contact rows for pairs into a copy of a user's model.
 
-    source: a file, MJCF text or an MjSpec; it stays as it is. pairs: each with its rows; a row
-    becomes one <pair> for every two geoms of the pair. impratio: of the whole model, with elliptic
-    cones; 0 to leave both; None for what the rows need. Raises UserError for a source that cannot
-    be written, such as a compiled model or a file that is not in UTF-8.
+    source: a file, MJCF text or an MjSpec; it stays as it is.
+    pairs: each with its rows; a row becomes one <pair> for every two geoms of the pair.
+    impratio: of the whole model, with elliptic cones; 0 to leave both; None for what the rows need.
+    Raises UserError for a source that cannot be written, such as a compiled model or a file that is
+    not in UTF-8.
     """
     spec = spec_of(source)
     model = spec.compile()
@@ -520,7 +535,15 @@ def written(
     if impratio > 0.0:
         what_for = "friction neither throws up what slides nor slips"
         option += elliptic_option(spec, impratio, what_for, notes)
-    return Written(spec, contact_text(option, lines), notes, names, own, step, gravity)
+    return Written(
+        spec=spec,
+        lines=contact_text(option, lines),
+        notes=notes,
+        names=names,
+        own=own,
+        step=step,
+        gravity=gravity,
+    )
 
 
 def colliding_geoms(model: Any, pairs: Sequence[ContactPair]) -> list[tuple[int, int]]:
@@ -604,9 +627,10 @@ def needed_impratio(model: Any, pairs: Sequence[tuple[PairToTune, Rows]]) -> flo
     """The impratio of the whole model with which no pair drifts faster under a load than in the
     model as it is, one digit; 0 where the model's own will do.
 
-    model: compiled, as the user has it. pairs: each with the rows that it gets.
-    A friction row holds a load by a slip of R_t/(A b), where R_t = R_n/impratio is its
-    regularisation, R_n/A = (1 - d)/d, and d and b are the impedance and damping.
+    model: compiled, as the user has it.
+    pairs: each with the rows that it gets. A friction row holds a load by a slip of R_t/(A b),
+    where R_t = R_n/impratio is its regularisation, R_n/A = (1 - d)/d, and d and b are the impedance
+    and damping.
     """
     own = float(model.opt.impratio)
     needed = 0.0
@@ -632,8 +656,9 @@ def slip_under_load(solref: Sequence[float], solimp: Sequence[float], impedance:
     d)/(d b) at an impedance d, where MuJoCo's damping b is 2/(dmax timeconst), or -solref[1]/dmax
     (MuJoCo, "Computation": solver parameters).
 
-    solref, solimp: of the row, in either of MuJoCo's formats. impedance: d, held within MuJoCo's
-    bounds. A row without damping counts as one of 1e-6 1/s.
+    solref, solimp: of the row, in either of MuJoCo's formats.
+    impedance: d, held within MuJoCo's bounds.
+    A row without damping counts as one of 1e-6 1/s.
     """
     d = min(max(impedance, MIN_IMPEDANCE), MAX_IMPEDANCE)
     dmax = min(max(solimp[1], MIN_IMPEDANCE), MAX_IMPEDANCE)
@@ -667,6 +692,7 @@ def _write_rows(
 ) -> list[str]:
     """Set or add the <pair>s of two geoms in a spec, one for each row, the first with friction.
 
+    rows: of the contact, one <pair> each.
     spec: changed; of <pair>s that it has for the two, the first is used and the others go.
     model: compiled, as it was before.
     geoms, names: of the two, in one order.
@@ -719,7 +745,8 @@ def _soft_scale(model: Any, pair: PairToTune, geoms: tuple[int, int]) -> float:
     pair's own bodies: MuJoCo's estimate of 1/mass of the first over that of the second.
 
     MuJoCo scales a soft row by its estimate, which differs between the links of a body that bounces
-    as one. geoms: numbers of the two.
+    as one.
+    geoms: numbers of the two.
     """
     first, second = model.geom_bodyid[list(geoms)].tolist()
     own = pair.place.pair
@@ -738,7 +765,9 @@ def _own_friction(model: Any, geoms: tuple[int, int]) -> dict[str, Any]:
 def set_pair(element: Any, names: tuple[str, str], values: dict[str, Any]) -> str:
     """Set attributes of a <pair>, and return its line of XML, which has these attributes alone.
 
-    element: of the spec. names: of its geoms. values: a number or list by attribute.
+    element: of the spec.
+    names: of its geoms.
+    values: a number or list by attribute.
     """
     attributes = []
     for name, value in values.items():
@@ -765,7 +794,8 @@ def _friction_damping(place: PairAtTouch, load: Load) -> float:
     """Damping, 1/s, of friction rows that together stop a slip in one step, in the direction in
     which the pair slides most easily.
 
-    place: the pair at touch. load: on its contact.
+    place: the pair at touch.
+    load: on its contact.
 
     MuJoCo's row of regularisation R and mobility A takes A/(A + R) of what its damping asks for; at
     the least impedance d, A/R is `weight`: d/(1 - d) times impratio, and the true mobility over the
@@ -779,9 +809,10 @@ def sliding_mobility(place: PairAtTouch, load: Load) -> float:
     """Mobility (1/mass) of a pair in the direction in which it slides most easily, relative to the
     one along the normal that MuJoCo estimates for a single point of the contact; without unit.
 
-    The former is the largest eigenvalue of J M^-1 J^T over the directions in the plate. place: the
-    pair at touch. load: on the contact; strength times effective mass is the number of points over
-    the estimated mobility.
+    The former is the largest eigenvalue of J M^-1 J^T over the directions in the plate.
+    place: the pair at touch.
+    load: on the contact; strength times effective mass is the number of points over the estimated
+    mobility.
     """
     model = place.pair.model
     data = backend().MjData(place.pair.model)
@@ -803,8 +834,9 @@ def name_geoms(
     """Names of geoms by their numbers, as a <pair> needs them; a geom without a name gets
     "geom_NUMBER" in the spec.
 
-    model: compiled of the spec. geoms: numbers of every two. notes: gets a sentence for each new
-    name, which the user's own text lacks.
+    model: compiled of the spec.
+    geoms: numbers of every two.
+    notes: gets a sentence for each new name, which the user's own text lacks.
     """
     names = {}
     # By number: MuJoCo 3.3 gives the geoms of a spec no .id.

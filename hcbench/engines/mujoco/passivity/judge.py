@@ -9,7 +9,7 @@ import math
 from dataclasses import replace
 from functools import cache, lru_cache, partial
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -74,7 +74,8 @@ def bounces_in_rows(
     """Simulate a ball on contact rows, in hcbench's own model of MuJoCo's step: single impacts at
     many speeds and phases, and drops from HEIGHTS.
 
-    timestep: s. gravity: m/s²; for 0 the single impacts alone.
+    timestep: s.
+    gravity: m/s²; for 0 the single impacts alone.
     speeds: lowest and highest of the band, m/s, above 0. Single impacts go from _SLOW times the
     lowest up to the highest, and to the speed of the highest drop if that is faster.
     train: the longest train of bounces that the target allows; None: none goes on.
@@ -87,23 +88,40 @@ def bounces_in_rows(
     speed = np.repeat(grid, _PHASES)
     phase = np.tile(phases, _SPEEDS)
     drops = _Drops(rows, timestep, gravity)
-    max_e, gains_below, _ = drops.run(drops.touching(speed, phase), is_single=True)
-    impacts = Bounces(max_e, gains_below, still_bouncing=0, tried=speed.size)
+    single = drops.run(drops.touching(speed, phase), is_single=True)
+    impacts = Bounces(single.max_e, single.gains_below, still_bouncing=0, tried=speed.size)
     if gravity == 0.0:
         return impacts
-    max_e, gains_below, rebounds = drops.run(drops.from_rest(np.array(HEIGHTS)), is_single=False)
+    dropped = drops.run(drops.from_rest(np.array(HEIGHTS)), is_single=False)
     bouncing = 0
     # The target's own trains take longer to compute than the drops, and most drops rest.
-    if rebounds.any():
-        bouncing = int((rebounds > allowed_rebounds(train, HEIGHTS, gravity)).sum())
-    return impacts.joined(Bounces(max_e, gains_below, bouncing, len(HEIGHTS)))
+    if dropped.rebounds.any():
+        allowed = allowed_rebounds(train, HEIGHTS, gravity)
+        bouncing = int((dropped.rebounds > allowed).sum())
+    of_drops = Bounces(dropped.max_e, dropped.gains_below, bouncing, tried=len(HEIGHTS))
+    return impacts.joined(of_drops)
+
+
+class _DropBounces(NamedTuple):
+    """Bounces of n drops.
+
+    max_e: the largest e.
+    gains_below: speed of the fastest touch that gained energy, m/s; 0 where none did.
+    rebounds: speed of the bounce under way at the end, m/s, (n,); 0 of a drop that rests.
+    """
+
+    max_e: float
+    gains_below: float
+    rebounds: Floats
 
 
 class _Drops:
     """Balls over a plate, each with a clock of its own, under Euler's steps of a setting's rows.
 
-    timestep: s. gravity: m/s². Penetration x, m, is above 0 in contact, its rate v, m/s, on
-    approach; flights are advanced in closed form.
+    timestep: s.
+    gravity: m/s².
+    Penetration x, m, is above 0 in contact, its rate v, m/s, on approach; flights are advanced in
+    closed form.
     """
 
     def __init__(self, rows: Sequence[ConstraintRow], timestep: float, gravity: float) -> None:
@@ -115,7 +133,8 @@ class _Drops:
         """States of drops in their first step in contact, (3, n): penetration, m, rate, m/s, and
         speed at touch, m/s.
 
-        speeds: at touch, m/s, (n,). phases: where in a step each touches, 0 to 1, (n,).
+        speeds: at touch, m/s, (n,).
+        phases: where in a step each touches, 0 to 1, (n,).
         """
         time = self._h * (1.0 - phases)
         x = speeds * time + self._g * time**2 / 2.0
@@ -145,13 +164,12 @@ class _Drops:
         fallen = x + steps * h * half + g * h**2 * steps**2 / 2.0
         return fallen, v + g * h * steps, steps * h
 
-    def run(self, states: Floats, is_single: bool) -> tuple[float, float, Floats]:
+    def run(self, states: Floats, is_single: bool) -> _DropBounces:
         """Simulate until each drop has rested, or LASTS (s) are over, and look at its bounces.
 
-        states: (3, n): penetration, rate and speed at the last touch; changed.
+        states: penetration, m, its rate, m/s, and the speed at the last touch, m/s, (3, n);
+        changed.
         is_single: true where each drop ends with its first rebound.
-        Returns the largest e, the fastest touch of those that gain energy, m/s, and of each drop
-        the speed of the bounce under way at the end, 0 for one that rests.
         """
         library = _library()
         if library is None or len(self._rows) > _MOST_ROWS:
@@ -163,16 +181,14 @@ class _Drops:
         arrays = [array.ctypes.data for array in (*states, rebounds, extremes)]
         library.run_drops(ctypes.byref(goal), rows, states.shape[1], *arrays)
         max_e, gains_below = extremes.tolist()
-        return max_e, gains_below, rebounds
+        return _DropBounces(max_e, gains_below, rebounds)
 
-    def _run_by_arrays(self, states: Floats, is_single: bool) -> tuple[float, float, Floats]:
+    def _run_by_arrays(self, states: Floats, is_single: bool) -> _DropBounces:
         """Simulate drops until each has rested, or for LASTS s, without the compiled library: a step of
         all drops after the other.
 
-        states: (3, n): penetration, m, its rate, m/s, and the speed at the last touch, m/s.
+        states: penetration, m, its rate, m/s, and the speed at the last touch, m/s, (3, n).
         is_single: true where each drop ends with its first rebound.
-        Returns the largest e, the fastest touch of those that gain energy, m/s, and of each drop
-        the speed of the bounce under way at the end, m/s, (n,), 0 for one that rests.
         """
         count = states.shape[1]
         max_e = 0.0
@@ -211,7 +227,7 @@ class _Drops:
                 x, v, speed_in, clock, still = states
                 if not states.size:
                     break
-        return max_e, gains_below, rebounds
+        return _DropBounces(max_e, gains_below, rebounds)
 
 
 class _Row(ctypes.Structure):
@@ -257,8 +273,10 @@ class _DropGoal(ctypes.Structure):
     def of(cls, h: float, g: float, rows: int, is_single: bool) -> _DropGoal:
         """Constants of drops for C.
 
-        h: time step, s. g: gravity, m/s². rows: their number. is_single: each drop ends with its
-        first rebound.
+        h: time step, s.
+        g: gravity, m/s².
+        rows: their number.
+        is_single: each drop ends with its first rebound.
         """
         return cls(
             h=h,
@@ -306,18 +324,34 @@ def effect_on_others(option: Mapping[str, str], timestep: float, gravity: float)
     iterations and e of one, with MuJoCo's default cone and with the options.
 
     option: attributes of the setting's <option>, such as cone and impratio.
-    timestep: s. gravity: m/s².
+    timestep: s.
+    gravity: m/s².
     """
     before = (("cone", "pyramidal"),)
     after = tuple(sorted(option.items()))
     with captured_warnings():
-        drift, count, e = _untuned_contact(before, timestep, gravity)
-        drift_after, count_after, e_after = _untuned_contact(after, timestep, gravity)
-    change = max(abs(a - b) for a, b in zip(e, e_after, strict=True))
+        own = _untuned_contact(before, timestep, gravity)
+        now = _untuned_contact(after, timestep, gravity)
+    change = max(abs(a - b) for a, b in zip(own.e, now.e, strict=True))
     return (
-        f"Other contacts of the model: drift on 10 degrees {drift:.2g} -> {drift_after:.2g} mm/s, "
-        f"solver iterations {count:.2g} -> {count_after:.2g}, e changes by at most {change:.2g}."
+        "Other contacts of the model: "
+        f"drift on 10 degrees {own.drift:.2g} -> {now.drift:.2g} mm/s, "
+        f"solver iterations {own.iterations:.2g} -> {now.iterations:.2g}, "
+        f"e changes by at most {change:.2g}."
     )
+
+
+class _UntunedContact(NamedTuple):
+    """What a ball does in a contact that is not tuned.
+
+    drift: down a slope, mm/s.
+    iterations: of the solver, in a step there.
+    e: of oblique impacts, one at each of _LAUNCHES phases of a step.
+    """
+
+    drift: float
+    iterations: float
+    e: list[float]
 
 
 # An answer judges several settings of one step: all have MuJoCo's defaults before, most the same
@@ -325,11 +359,12 @@ def effect_on_others(option: Mapping[str, str], timestep: float, gravity: float)
 @lru_cache(maxsize=4)
 def _untuned_contact(
     option: tuple[tuple[str, str], ...], timestep: float, gravity: float
-) -> tuple[float, float, list[float]]:
-    """Simulate a ball in a contact that is not tuned: its drift on a slope, mm/s, the solver's
-    iterations a step there, and e of oblique impacts at _LAUNCHES phases of a step.
+) -> _UntunedContact:
+    """Simulate a ball in a contact that is not tuned: at rest on a slope, then in oblique impacts.
 
-    option: attributes of <option>. timestep: s. gravity: m/s².
+    option: attributes of <option>.
+    timestep: s.
+    gravity: m/s².
     """
     mujoco = backend()
     attributes = dict(option)
@@ -352,13 +387,15 @@ def _untuned_contact(
     drift = 1e3 * (float(place[0]) - half) / (_OTHERS_S / 2)
     bouncing = _untuned_ball(attributes, timestep, gravity, "0.02 0.2")
     e = [_untuned_e(bouncing, i / _LAUNCHES) for i in range(_LAUNCHES)]
-    return drift, iterations / steps, e
+    return _UntunedContact(drift, iterations / steps, e)
 
 
 def _untuned_ball(option: Mapping[str, str], timestep: float, gravity: float, solref: str) -> Any:
     """Compiled model of a ball of 1 kg that may not turn, on a plane, in a contact by this solref.
 
-    option: attributes of <option>. timestep: s. gravity: m/s², down.
+    option: attributes of <option>.
+    timestep: s.
+    gravity: m/s², down.
     """
     slides = ""
     for axis in ("1 0 0", "0 1 0", "0 0 1"):
@@ -376,7 +413,8 @@ def _untuned_e(model: Any, phase: float) -> float:
     """e of an impact of a ball that slides, 0 where the ball stays down: the speed after the first
     step that ends above the plane on the way up, over the speed at launch.
 
-    model: compiled, of the ball. phase: where in a step it touches, 0 to 1.
+    model: compiled, of the ball.
+    phase: where in a step it touches, 0 to 1.
     """
     mujoco = backend()
     data = mujoco.MjData(model)

@@ -64,8 +64,9 @@ class Stepping:
 class Contact:
     """A contact that is tried in plain models.
 
-    timestep: s. option: attributes of <option> that it asks for. text: what to paste for pairs of
-    geoms.
+    timestep: s.
+    option: attributes of <option> that it asks for.
+    text: what to paste for pairs of geoms.
     gravity: m/s², of drops, slopes, boxes and what is laid down: the standard one where the scene
     has none.
     radius: of the ball, m.
@@ -84,9 +85,11 @@ class Contact:
     def model(self, bodies: str, options: Stepping, pairs: Sequence[Pair]) -> Any:
         """Compile a model of a plane and some bodies, of which some pairs have this contact.
 
-        bodies: <body> elements of MJCF. options: of the model; the contact's own `option` goes
-        before their cone and solver and before `timestep`, but not before their integrator.
-        pairs: names of two geoms each; the plane's is "plate". Raises ValueError for wrong MJCF.
+        bodies: <body> elements of MJCF.
+        options: of the model; the contact's own `option` goes before their cone and solver and
+        before `timestep`, but not before their integrator.
+        pairs: names of two geoms each; the plane's is "plate".
+        Raises ValueError for wrong MJCF.
         """
         plain = {"timestep": repr(self.timestep), "cone": options.cone, "solver": options.solver}
         option = " ".join(f'{key}="{value}"' for key, value in {**plain, **self.option}.items())
@@ -109,7 +112,8 @@ class Contact:
         """Compile a model of boxes of edge 2 HALF, m, and 0.5 kg, one on top of the other on the
         plane; each meets the next in this contact.
 
-        options: of the model. count: of boxes, 1 or more.
+        options: of the model.
+        count: of boxes, 1 or more.
         """
         names = [f"box{i}" for i in range(count)]
         bodies = ""
@@ -292,8 +296,9 @@ def _followed(
 
     In free flight MuJoCo turns a body other than a ball with an error of its own: so only changes
     by contacts count.
-    velocity: (6,), m/s and, in its own frame, rad/s. seconds: to simulate, or _STEPS steps if that
-    is less. above: height of the start over the touch, m.
+    velocity: (6,), m/s and, in its own frame, rad/s.
+    seconds: to simulate, or _STEPS steps if that is less.
+    above: height of the start over the touch, m.
     """
     data = backend().MjData(model)
     data.qpos[_Z] += above
@@ -335,8 +340,9 @@ def _stepped(model: Any, data: Any, steps: int) -> tuple[NDArray[np.int32], Floa
     the step that led to it, (n,), its velocity qvel, (n, 6), and the height of the body after the
     step from it, m, (n,).
 
-    data: MjData; moved on. steps: n. Hundred thousands of steps are taken here: what is computed
-    from them waits for the end.
+    data: MjData; moved on.
+    steps: n. Hundred thousands of steps are taken here: what is computed from them waits for the
+    end.
     """
     contacts = np.empty(steps, dtype=np.int32)
     speeds = np.empty((steps, 6))
@@ -423,7 +429,8 @@ def drops(
     """Drop balls in a plain model from heights, m, simulate them for LASTS s, and read how they
     bounce.
 
-    options: of the model. train: the longest train of bounces that the target allows; None: none.
+    options: of the model.
+    train: the longest train of bounces that the target allows; None: none.
     """
     mujoco = backend()
     model = contact.with_ball(options)
@@ -454,7 +461,8 @@ def rest_on_slope(contact: Contact, options: Stepping, degrees: float = 10.0) ->
     """Let a ball that may not turn rest on a slope, held by friction: its drift, m/s, depth, m, and
     vibration.
 
-    options: of the plain model. degrees: angle of the slope; gravity is turned by it.
+    options: of the plain model.
+    degrees: angle of the slope; gravity is turned by it.
     """
     slides = ""
     for axis in ("1 0 0", "0 1 0", "0 0 1"):
@@ -501,8 +509,9 @@ def box_growth(model: Any, attitude: str, speed: float) -> float:
     """Throw a box on the plate, and return the largest ratio of its energy in a flight to that in an
     earlier one: above 1 it gained energy; infinite where it diverged.
 
-    model: of one box. attitude: a key of _ATTITUDES. speed: downwards at touch, m/s; the box starts
-    2.4 steps before the touch.
+    model: of one box.
+    attitude: a key of _ATTITUDES.
+    speed: downwards at touch, m/s; the box starts 2.4 steps before the touch.
     """
     timestep = float(model.opt.timestep)
     quaternion, high = _ATTITUDES[attitude]
@@ -517,8 +526,9 @@ def _growth(model: Any, data: Any, seconds: float) -> float:
     """Largest ratio of the energy of a body in a flight to that in an earlier flight; infinite where
     the state is not finite at the end.
 
-    model: of one body on a free joint. data: MjData at the start, in flight; stepped for `seconds`.
-    Flights with less energy than that of the speed _SLOWEST g h count as that fast.
+    model: of one body on a free joint.
+    data: MjData at the start, in flight; stepped for `seconds`. Flights with less energy than that
+    of the speed _SLOWEST g h count as that fast.
     """
     g = -model.opt.gravity[_Z]
     h = model.opt.timestep
@@ -545,7 +555,8 @@ def boxes(contact: Contact, options: Stepping) -> Iterator[Finding]:
     """Yield a finding for each box that falls on its face, an edge or a vertex, at each speed: by
     which factor its energy grew at most, against the factor that is allowed.
 
-    contact: of the box with the plane. options: of the plain model.
+    contact: of the box with the plane.
+    options: of the plain model.
     """
     model = contact.with_boxes(options)
     for attitude, speed in itertools.product(_ATTITUDES, _BOX_SPEEDS):
@@ -599,7 +610,8 @@ def certify(
 def _rolling(contact: Contact, options: Stepping) -> float:
     """Let a ball roll for _ROLL_S s, and return its kinetic energy at the end over that at the start.
 
-    contact: of the ball with the plane. options: of the plain model.
+    contact: of the ball with the plane.
+    options: of the plain model.
     """
     model = contact.with_ball(options)
     data = backend().MjData(model)

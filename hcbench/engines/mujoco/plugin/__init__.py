@@ -61,7 +61,8 @@ def compiler_arguments(folder: Path) -> tuple[list[str], list[str], list[Path]]:
     """Arguments for a C compiler that builds against the MuJoCo in a folder: flags, with a macro for
     each feature that differs between versions; what to link; and paths of the headers.
 
-    folder: of the mujoco package. Raises CannotRun where it has no headers or no library.
+    folder: of the mujoco package.
+    Raises CannotRun where it has no headers or no library.
     """
     include = folder / "include"
     headers = sorted((include / "mujoco").glob("*.h"))
@@ -145,7 +146,8 @@ def config(law: Law, friction: Friction | None = None, **more: str) -> tuple[str
     """Return the name of a law's plug-in, and the config of its instance, texts by key, but for the
     keys that name the pair.
 
-    friction: of a force law; None: without. more: other keys, unchanged.
+    friction: of a force law; None: without.
+    more: other keys, unchanged.
 
     Raises SettingError for friction with a restitution law, and for what is not a contact law.
     """
@@ -294,8 +296,10 @@ def hertz_stiffness(
     """Stiffness k of Hertz's contact F = k x^(3/2), eq. (5), N/m^1.5, from the radii of two geoms:
     spheres, or a sphere and a plane.
 
-    model: MjModel. geom1, geom2: names in it. material1, material2: their elasticity, in the same
-    order. Raises SettingError for another model, name or shape.
+    model: MjModel.
+    geom1, geom2: names in it.
+    material1, material2: their elasticity, in the same order.
+    Raises SettingError for another model, name or shape.
     """
     mujoco = backend()
     shapes = mujoco.mjtGeom
@@ -362,7 +366,8 @@ def extension(law: Law, pair: Mapping[str, str], friction: float = 0.0) -> ET.El
     """Return the <extension> of MJCF that declares a law's plug-in, with one instance, "contact".
 
     pair: the keys of its config that name the pair, such as geom1 and geom2.
-    friction: μ that goes with a force law; 0: none. A restitution law keeps MuJoCo's.
+    friction: μ that goes with a force law; 0: none.
+    A restitution law keeps MuJoCo's.
     """
     of_force = None
     if friction and is_force(law):
@@ -378,7 +383,8 @@ def extension(law: Law, pair: Mapping[str, str], friction: float = 0.0) -> ET.El
 def law_instances(law: Law, pairs: Sequence[Pair]) -> str:
     """MJCF text of one plug-in instance of a law for each pair, each in an <extension> of its own.
 
-    pairs: names of two geoms each. The instances are called "contact0", "contact1" and so on.
+    pairs: names of two geoms each.
+    The instances are called "contact0", "contact1" and so on.
     """
     text = ""
     for i, (first, second) in enumerate(pairs):

@@ -84,7 +84,9 @@ def whole_step_row(restitution: float, timestep: float, corners: float = 1) -> C
     """Contact row of a linear spring and damper that turns a speed v into -e v in a whole number n of
     Euler's steps, exactly without gravity.
 
-    restitution: e. timestep: h, s. corners: that meet at once and share the row.
+    restitution: e.
+    timestep: h, s.
+    corners: that meet at once and share the row.
     The step v+ = v - h (K x + D v), x+ = x + h v+ multiplies by exp(±i π/n) √c, c = 1 - D h: after
     n steps by -c^(n/2) = -e. Per unit mass.
     """
@@ -111,8 +113,10 @@ def spring_and_damper_rows(
 
     Their numbers have the least largest error over speeds and phases in a model of the two rows
     that equals MuJoCo's step, gravity included. Per unit mass: the same for any mass.
-    curve: e over speed. speeds: lowest and highest of the band, m/s.
-    timestep: s. gravity: m/s², into the plate.
+    curve: e over speed.
+    speeds: lowest and highest of the band, m/s.
+    timestep: s.
+    gravity: m/s², into the plate.
     corners: of a body that meet at once, or how much more a row does there than on a ball.
     adhesive: whether the damper may pull (MuJoCo 3.11 and later).
     rk4: that integrator, else Euler's.
@@ -144,7 +148,8 @@ def _launches(
     """Plan the launches that judge a row: speed over the band's highest, phase (where in a step the
     contact starts, 0 to 1), and target e, (n,) each, in, below and above the band.
 
-    curve: e over speed. speeds: lowest and highest of the band, m/s.
+    curve: e over speed.
+    speeds: lowest and highest of the band, m/s.
     band, below, above: (number of speeds, number of phases of each) there.
 
     Outside of the band any e will do that gains no energy: the target is NaN.
@@ -168,8 +173,9 @@ def _grid(lowest: float, highest: float, speeds: int, phases: int) -> tuple[Floa
     """Speed and phase (where in a step the contact starts, 0 to 1) of launches on a grid; (n,) each.
 
     lowest, highest: speeds, in any unit; the others lie between them evenly in logarithm.
-    speeds: how many. phases: how many at each speed; they are shifted from speed to speed, so that
-    few of them leave no gap.
+    speeds: how many.
+    phases: how many at each speed; they are shifted from speed to speed, so that few of them leave
+    no gap.
     """
     # Multiples of the golden ratio, of which no two share a place (a sequence of low discrepancy).
     later = (np.arange(speeds) * _GOLDEN) % 1.0
@@ -188,11 +194,15 @@ def pushing_row(
     """Search one row that only pushes: a linear spring and damper whose e comes as near to a target
     over a band of impact speeds as one e can.
 
-    curve: e over speed. speeds: lowest and highest of the band, m/s. timestep: s. gravity: m/s²,
-    into the plate. corners: that meet at once.
+    curve: e over speed.
+    speeds: lowest and highest of the band, m/s.
+    timestep: s.
+    gravity: m/s², into the plate.
+    corners: that meet at once.
     Half period and damping are searched with gravity and over all phases: as the row may not pull
     in its last step, the closed form of a whole number n of steps would give e^(2/n) instead of e.
-    Per unit mass. Raises SearchInterrupted with the best so far.
+    Per unit mass.
+    Raises SearchInterrupted with the best so far.
     """
     low, high = speeds
     e = float(curve.at(math.sqrt(low * high)))
@@ -236,7 +246,10 @@ def _bounds(loss: float, timestep: float, gravity: float, corners: float) -> tup
     spring in steps, and logarithms of its damping, and of the damper's damping, impedance, width
     and midpoint.
 
-    loss: 1 - e of the slowest impact. timestep: s. gravity: m/s². corners: that meet at once.
+    loss: 1 - e of the slowest impact.
+    timestep: s.
+    gravity: m/s².
+    corners: that meet at once.
     """
     lowest = _LOWEST.copy()
     highest = _HIGHEST.copy()
@@ -259,7 +272,8 @@ def _search(coarse: RowFit, fine: RowFit) -> Floats:
     then from the best of these with many.
 
     coarse, fine: the same goal with few launches and with many. The same goal always gives the same
-    parameters. Raises SearchInterrupted with the best so far.
+    parameters.
+    Raises SearchInterrupted with the best so far.
     """
     search = Search(_MEMBERS * (1 + _GENERATIONS) + _BEST * (1 + _POLISH))
     random = np.random.default_rng(_SEED)
@@ -286,8 +300,9 @@ def compliant_options(rows: list[ConstraintRow], target: Target, integrator: str
 def compliant(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     """Options of a setting: one soft row of a few steps, as near to the target as one e can be.
 
-    target: e over a band of speeds, time step, gravity and friction. integrator: that the options
-    name. Raises SearchInterrupted with the best options so far.
+    target: e over a band of speeds, time step, gravity and friction.
+    integrator: that the options name.
+    Raises SearchInterrupted with the best options so far.
     """
     band = target.speed_min, target.speed_max
     with map_result(lambda row: compliant_options([row], target, integrator)):
@@ -300,8 +315,9 @@ def compliant_pairs(
 ) -> dict[str, Any]:
     """Options of a setting, by name: two rows with an e that falls with speed.
 
-    target: e over a band of speeds, time step, gravity and friction. integrator: that the options
-    name. adhesive: whether the damper may pull; None for what the installed MuJoCo can do.
+    target: e over a band of speeds, time step, gravity and friction.
+    integrator: that the options name.
+    adhesive: whether the damper may pull; None for what the installed MuJoCo can do.
     Raises SettingError for a target without loss or without bounce, SearchInterrupted with the best
     options so far.
     """

@@ -10,7 +10,7 @@ beyond a power of about 1020 (at midpoint 0.5).
 
 import math
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,14 +57,38 @@ def largest_power(midpoint: Floats) -> Floats:
     )
 
 
-def _numbers(parameters: Floats) -> tuple[Floats, ...]:
-    """S, D, d0, dw, midpoint, power of parameters of shape (population, 6); each (population, 1).
+class _Numbers(NamedTuple):
+    """Numbers of MuJoCo's rows, one a member of the search, (population, 1) each; lengths in widths
+    of the impedance, speeds in the band's highest one, per unit mass.
 
-    parameters: log10 S and D, log10 d0 and 1 - dw, midpoint, log10 of the power over the largest.
+    S, D: stiffness and damping of solref "-S -D".
+    d0, dw: impedances of solimp at touch and at its width.
+    midpoint, power: of the sigmoid between the two.
+    """
+
+    S: Floats
+    D: Floats
+    d0: Floats
+    dw: Floats
+    midpoint: Floats
+    power: Floats
+
+
+def _numbers(parameters: Floats) -> _Numbers:
+    """The rows that points of the search stand for.
+
+    parameters: (population, 6), in the order of _LOWEST: log10 of S, D, d0 and 1 - dw; midpoint;
+    log10 of the power over the largest that MuJoCo can compute.
     """
     log_s, log_d, log_d0, log_gap, midpoint, log_share = parameters.T[..., None]
-    power = np.maximum(1.0, largest_power(midpoint) * 10.0**log_share)
-    return 10.0**log_s, 10.0**log_d, 10.0**log_d0, 1.0 - 10.0**log_gap, midpoint, power
+    return _Numbers(
+        S=10.0**log_s,
+        D=10.0**log_d,
+        d0=10.0**log_d0,
+        dw=1.0 - 10.0**log_gap,
+        midpoint=midpoint,
+        power=np.maximum(1.0, largest_power(midpoint) * 10.0**log_share),
+    )
 
 
 def _work_and_damping(parameters: Floats) -> tuple[Floats, Floats]:
@@ -119,7 +143,8 @@ def _way_in(work: Floats, damping: Floats, speeds: Floats) -> tuple[Whole, Float
     (population, speeds) each.
 
     work, damping: elastic work and damping of each interval, (population, intervals), per unit
-    mass, with speeds in the band's highest one. speeds: at touch, over that one, (speeds,).
+    mass, with speeds in the band's highest one.
+    speeds: at touch, over that one, (speeds,).
     """
     v = np.broadcast_to(speeds, (len(work), len(speeds))).copy()
     last = np.full(v.shape, -1)
@@ -172,8 +197,9 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
     """Search the parameters of one row, (6,), in the order of _LOWEST, with the least largest error
     of e, by an evolution and by Nelder and Mead's method.
 
-    shares: impact speeds over the highest of the band, rising. wanted: e at each. Raises
-    SearchInterrupted with the best so far.
+    shares: impact speeds over the highest of the band, rising.
+    wanted: e at each.
+    Raises SearchInterrupted with the best so far.
     """
     # SciPy's optimisation is slow to import.
     from scipy.optimize import Bounds, differential_evolution, minimize
@@ -298,7 +324,8 @@ def impulse(target: Target, integrator: str = "Euler", spring: float = 0.0) -> d
     """Options of a setting, by name: one contact whose damping turns a speed v into -e v within the
     step that finds it closed.
 
-    target: its best constant e and its time step count. integrator: that the options name.
+    target: its best constant e and its time step count.
+    integrator: that the options name.
     spring: K, 1/s².
     A contact of impedance d gives the acceleration a = d (K x - D v) + (1 - d) g: with D = (1 +
     e)/h a step h ends in v - (1 + e) v = -e v, at any depth x. With K = 0 e is exact at every

@@ -91,6 +91,23 @@ class _Rows(NamedTuple):
         return np.where(early, MIN_IMPEDANCE + sigmoid, self.dmax - sigmoid)
 
 
+class RowNumbers(NamedTuple):
+    """Numbers of the two rows for p points of the search, (p,) each; times in steps h, lengths in
+    v h.
+
+    stiffness, spring_damping: K h² and D h of the spring.
+    damping: D h of the damper.
+    dmax, width, midpoint: of the damper's solimp; width over v h.
+    """
+
+    stiffness: Floats
+    spring_damping: Floats
+    damping: Floats
+    dmax: Floats
+    width: Floats
+    midpoint: Floats
+
+
 @dataclass(frozen=True, slots=True)
 class RowFit:
     """Goal of a fit of spring and damper rows, in units of the step h and
@@ -116,9 +133,8 @@ class RowFit:
     lowest: Floats
     highest: Floats
 
-    def numbers(self, parameters: Floats) -> tuple[Floats, ...]:
-        """Numbers of the two rows for p points of the search, (p,) each: K h² and D h of the spring;
-        D h, dmax, width/(v h) and midpoint of the damper.
+    def numbers(self, parameters: Floats) -> RowNumbers:
+        """Numbers of the two rows for p points of the search.
 
         parameters: (p, 6): half period of the spring in steps, logarithms of the loss of the spring
         and of the damper's four numbers; those outside the bounds are put on them.
@@ -126,7 +142,7 @@ class RowFit:
         inside = np.clip(parameters, self.lowest, self.highest).T
         spring_damping, damping, dmax, width, midpoint = np.exp(inside[1:])
         stiffness, spring_damping = oscillator(inside[0], spring_damping)
-        return (
+        return RowNumbers(
             stiffness / self.corners,
             spring_damping / self.corners,
             damping,
@@ -165,11 +181,10 @@ class RowFit:
         """Steps for which a launch is followed."""
         return int(_FOLLOWED * self.highest[0])
 
-    def _errors(self, numbers: tuple[Floats, ...]) -> Floats:
+    def _errors(self, numbers: RowNumbers) -> Floats:
         """Error of each of p settings by NumPy, where there is no library in C, (p,).
 
-        numbers: six columns, (p,) each: K h² and D h of the spring; D h, dmax, width/(v h) and
-        midpoint of the damper.
+        numbers: of the rows of each setting.
         """
         e, deepest = self._simulate(numbers)
         # Launches outside of the band have no target.
@@ -181,40 +196,39 @@ class RowFit:
         error += too_deep + COSTS * gained
         return error
 
-    def _columns(self, numbers: tuple[Floats, ...]) -> _Rows:
+    def _columns(self, numbers: RowNumbers) -> _Rows:
         """The rows of p settings, (p,), with what MuJoCo derives of their numbers.
 
-        numbers: six columns, (p,) each: K h² and D h of the spring; D h, dmax, width/(v h) and
-        midpoint of the damper.
+        numbers: of the rows of each setting.
         """
-        stiffness, spring_damping, damping, dmax, width, midpoint = numbers
+        dmax = numbers.dmax
+        midpoint = numbers.midpoint
         # In MuJoCo's reference k = K d/dmax² and b = D/dmax; the spring has d = dmax = dmin.
         weight = self.corners * _WEIGHT / MIN_IMPEDANCE
         return _Rows(
-            stiffness=weight * stiffness,
-            damping=weight * spring_damping,
-            damper=damping / dmax,
+            stiffness=weight * numbers.stiffness,
+            damping=weight * numbers.spring_damping,
+            damper=numbers.damping / dmax,
             dmax=dmax,
-            width=width,
+            width=numbers.width,
             midpoint=midpoint,
             # Of the impedance's two branches, up to the midpoint and from it on
             rise=(dmax - MIN_IMPEDANCE) * (1.0 / midpoint ** (POWER - 1.0)),
             level=(dmax - MIN_IMPEDANCE) * (1.0 / (1.0 - midpoint) ** (POWER - 1.0)),
         )
 
-    def _simulate(self, numbers: tuple[Floats, ...]) -> tuple[Floats, Floats]:
+    def _simulate(self, numbers: RowNumbers) -> tuple[Floats, Floats]:
         """Simulate all n launches with each of p settings: e, 0 where a launch has not parted, and
         the largest penetration over v h, (p, n) each.
 
-        numbers: six columns, (p,) each: K h² and D h of the spring; D h, dmax, width/(v h) and
-        midpoint of the damper.
+        numbers: of the rows of each setting.
         """
         # Those of all launches, a setting after the other.
         columns = self._columns(numbers)
         rows = _Rows(*(np.repeat(column, len(self.speeds)) for column in columns))
         # All in units of the step h, the band's highest speed v, and v h.
         g = self.fall
-        settings = len(numbers[0])
+        settings = len(numbers.stiffness)
         launches = len(self.speeds)
         # Time from the touch to the first state that sees it, in steps; a stage of RK4 may see it
         # a step before.
@@ -260,9 +274,10 @@ class RowFit:
         """Take one step of m launches, Euler's by the new speed, or the classical Runge-Kutta of
         MuJoCo's RK4: penetration and rate after it.
 
-        rows: of the setting of each launch, (m,). x: penetration in units of v h, (m,). v: its
-        rate, in units of the band's highest speed, (m,). See MuJoCo's documentation, Computation,
-        "Numerical integration".
+        rows: of the setting of each launch, (m,).
+        x: penetration in units of v h, (m,).
+        v: its rate, in units of the band's highest speed, (m,). See MuJoCo's documentation,
+        Computation, "Numerical integration".
         """
         if not self.rk4:
             v = v - self._acceleration(rows, x, v)
@@ -276,11 +291,12 @@ class RowFit:
     def _acceleration(self, rows: _Rows, x: Floats, v: Floats) -> Floats:
         """Acceleration away from the plate times the step, in the band's highest speed, (m,).
 
-        rows: of the setting of each launch, (m,). x: penetration in units of v h, (m,). v: its
-        rate, in units of the band's highest speed, (m,).
-        MuJoCo's documentation, Computation, "Constraint model": (A + R) f = a_ref - a_0, R = (1 -
-        d)/d diag(A). Rows at one point, of weights w = d/(1 - d), give a = (Σ w a_ref - g)/(1 + Σ
-        w), summed over those that act.
+        rows: of the setting of each launch, (m,).
+        x: penetration in units of v h, (m,).
+        v: its rate, in units of the band's highest speed, (m,). MuJoCo's documentation,
+        Computation, "Constraint model": (A + R) f = a_ref - a_0, R = (1 - d)/d diag(A). Rows at one
+        point, of weights w = d/(1 - d), give a = (Σ w a_ref - g)/(1 + Σ w), summed over those that
+        act.
         """
         g = self.fall
         spring_weight = self.corners * _WEIGHT
@@ -305,8 +321,9 @@ class RowFit:
         """The two rows, a spring and a damper, of one point of the search, in SI units and in the
         digits with which a model is written.
 
-        parameters: (6,). timestep: s. speed: the band's highest, m/s, by which the parameters are
-        scaled.
+        parameters: (6,).
+        timestep: s.
+        speed: the band's highest, m/s, by which the parameters are scaled.
         """
         h = timestep
         # K h² and D h of the spring; D h, dmax, width over v h and midpoint of the damper.

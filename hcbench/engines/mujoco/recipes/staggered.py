@@ -39,7 +39,9 @@ def restitution_sensitivity(law: HuntCrossley, mass: float, speed: float, grid: 
     """Sensitivity of e to an error of a contact's damping at each penetration: weights K, (n,),
     1/(N s/m), with δe = K @ (g - a f)(grid).
 
-    law, mass (kg): of the impact. speed: at touch, m/s. grid: penetrations, m, (n,), rising.
+    law, mass (kg): of the impact.
+    speed: at touch, m/s.
+    grid: penetrations, m, (n,), rising.
 
     A force f(x) + g(x) v, f in N and g in N s/m, is near that of the law, for which g = a f with a
     = (3/2) α. Only the ratio of g to f matters. With the work U = ∫ f dx as the path, d(v²/2)/dU =
@@ -99,8 +101,9 @@ class Band:
     """The law and the impact speeds (m/s) to match, which reach penetrations from `low` to `top`
     (m).
 
-    mass: effective, kg. speeds: rising, (s,). lag: half a step (s) where the engine's rates lag the
-    positions by it, else 0.
+    mass: effective, kg.
+    speeds: rising, (s,).
+    lag: half a step (s) where the engine's rates lag the positions by it, else 0.
     """
 
     law: HuntCrossley
@@ -130,7 +133,8 @@ def band_of(target: Target, law: HuntCrossley, integrator: str) -> Band:
     that they reach.
 
     Without its loss the law goes deepest, to mass v²/2 = k xⁿ⁺¹/(n + 1); there are margins at both
-    ends. integrator: its name; under Euler's kinds rates lag positions by half a step.
+    ends.
+    integrator: its name; under Euler's kinds rates lag positions by half a step.
     """
 
     def deepest(speed: float) -> float:
@@ -154,7 +158,8 @@ def band_of(target: Target, law: HuntCrossley, integrator: str) -> Band:
 def _rising(base: float, end: float, power: float, highest: float, start: float) -> Damper:
     """A damper whose impedance rises from a penetration `base` to `end`, m, as a power of the depth.
 
-    power: of the rise. highest: impedance at `end`.
+    power: of the rise.
+    highest: impedance at `end`.
     No impedance is below MIN_IMPEDANCE, so a damper is felt as soon as it acts, as much as at the
     depth at which the power reaches that value. It starts later than `base` by `start` times that
     depth.
@@ -170,8 +175,9 @@ def _layouts(band: Band, highest: float) -> list[list[Damper]]:
     """Sets of dampers to choose from: one stretch from touch to top; from a `highest` of 0.5 on also
     two stretches, which wide bands of speed need. One empty set for a law without damping.
 
-    highest: impedance of the strongest damper. Onsets and powers are what makes the fit good over
-    n = 1 ... 2, any a and band; all else is fitted.
+    highest: impedance of the strongest damper.
+    Onsets and powers are what makes the fit good over n = 1 ... 2, any a and band; all else is
+    fitted.
     """
     if band.law.dissipation == 0.0:
         return [[]]
@@ -326,7 +332,8 @@ def _fit_pruned(band: Band, dampers: Sequence[Damper], misfit: float, sensitivit
     """Fit springs and dampers, and again without those that the fit does not use, until all are used:
     an idle row would still weigh on the others.
 
-    dampers: to choose from. misfit: that is allowed of the springs' straight lines, relative.
+    dampers: to choose from.
+    misfit: that is allowed of the springs' straight lines, relative.
     sensitivity: of e at each speed of the band to the force at each penetration, (speeds, grid),
     1/(N s/m).
     """
@@ -349,6 +356,7 @@ def _rows(band: Band, fit: _Fit) -> list[ConstraintRow]:
 
     A spring only acts once it asks for as much as the others give: so it starts that much before
     its knot.
+    band: the law, and the impact speeds that it is matched at.
     """
     rows = []
     for knot, S in zip(fit.knots, fit.stiffness, strict=True):
@@ -383,9 +391,10 @@ def staggered(
 ) -> dict[str, Any]:
     """Options of a setting, by name: eq. (16) as staggered springs and dampers, in closed form.
 
-    integrator: that the options name, and that the rows are for. misfit: how far the springs'
-    straight lines may be off k xⁿ, relative. impedance: the highest of the dampers. Raises
-    SettingError for an impedance outside 1e-3 ... 0.5.
+    integrator: that the options name, and that the rows are for.
+    misfit: how far the springs' straight lines may be off k xⁿ, relative.
+    impedance: the highest of the dampers.
+    Raises SettingError for an impedance outside 1e-3 ... 0.5.
     """
     return rows_options(integrator, *staggered_rows(target, integrator, misfit, impedance))
 

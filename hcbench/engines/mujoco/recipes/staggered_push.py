@@ -99,6 +99,7 @@ def sample(band: Band, speeds: Floats, points: int) -> Samples:
     """Samples of the law along its loops of force over penetration, one loop for each impact speed:
     first its way in, then its way out.
 
+    band: the law and the mass.
     speeds: m/s. points: of each way; evenly in the angle of a sine, so dense where the body turns
     round.
     """
@@ -203,9 +204,10 @@ def initial_rows(samples: Samples, band: Band, knots: Floats, guess: InitialGues
     """Rows to start a fit from: dampers that add up to the law's damping on the way in, each with a
     spring that lets it act on the way out; and further springs that make up the rest.
 
-    samples: of the law's force, to which the further springs are fitted last. band: of depths that
-    the rows serve. knots: where the further springs start, m; they come first in the rows. guess:
-    how many dampers, and their impedances.
+    samples: of the law's force, to which the further springs are fitted last.
+    band: of depths that the rows serve.
+    knots: where the further springs start, m; they come first in the rows.
+    guess: how many dampers, and their impedances.
     """
     law = band.law
     low = band.low
@@ -236,8 +238,10 @@ def _damping_on_the_way_in(band: Band, terms: _Terms, force: Floats, widths: Flo
     """Damping D of each damper, 1/s, (dampers,), with which they are together nearest to the law's
     damping, a f(x) v.
 
-    terms: of the dampers at n penetrations and a rate of 1 m/s. force: elastic force f of the law
-    there, per unit mass, m/s², (n,). widths: of the dampers' impedances, m, (dampers,).
+    band: the law, the mass and the depths to match.
+    terms: of the dampers at n penetrations and a rate of 1 m/s.
+    force: elastic force f of the law there, per unit mass, m/s², (n,).
+    widths: of the dampers' impedances, m, (dampers,).
     """
     # SciPy's optimisation is slow to import.
     from scipy.optimize import nnls
@@ -257,7 +261,9 @@ def _springs_of_dampers(
     """Stiffness S of each damper row, 1/s², (dampers,): with it the row's own spring outweighs its
     damping on the way out of the fastest impact, at depths beyond `guess.from_depth` of its width.
 
-    solimps: of the dampers. damping: D of each, 1/s, (dampers,).
+    band: the law, the mass and the depths to match.
+    solimps: of the dampers.
+    damping: D of each, 1/s, (dampers,).
     """
     law = band.law
     widths = np.array([solimp[2] for solimp in solimps])
@@ -275,9 +281,10 @@ def _fit_springs(samples: Samples, rows: PushingRows, springs: int) -> PushingRo
     """Fit the stiffness S, 1/s², of the first rows, which are springs, to the samples; the other rows
     stay as they are.
 
-    springs: how many. Rows of weights w and reference accelerations r give a (1 + Σ w) = Σ w r,
-    which is linear in S: the springs have no damping. Which of the other rows act is taken from the
-    law's own acceleration; the springs are taken to act from their onsets on.
+    springs: how many.
+    Rows of weights w and reference accelerations r give a (1 + Σ w) = Σ w r, which is linear in S:
+    the springs have no damping. Which of the other rows act is taken from the law's own
+    acceleration; the springs are taken to act from their onsets on.
     """
     terms = _Terms.of(samples.x, samples.v, rows.onsets, rows.solimps)
     reference = terms.reference(rows.stiffness, rows.damping)
@@ -297,7 +304,8 @@ class _LeastSquares:
     """The problem that `levenberg_marquardt` solves, in the parameters S of
     all rows and D of the dampers.
 
-    start: these, S first, of the rows to begin with. dampers: mask of the rows that have a D.
+    start: these, S first, of the rows to begin with.
+    dampers: mask of the rows that have a D.
     goal: values that `Samples.scaled` should have.
     """
 

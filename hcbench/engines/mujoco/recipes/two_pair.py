@@ -72,9 +72,10 @@ class _Pairs:
         """Parameters of the damper to start a fit from, (6,): those with which it grows with depth as
         eq. (16) with n = 1 asks for.
 
-        loss: (3/2) α, s/m. Parameters are the logarithms of D (1/s) and of the impedance's width over
-        `top`, the logit of its highest value, its power and midpoint, and the onset over `top`. All
-        but D were found by trial.
+        loss: (3/2) α, s/m.
+        Parameters are the logarithms of D (1/s) and of the impedance's width over `top`, the logit
+        of its highest value, its power and midpoint, and the onset over `top`. All but D were found
+        by trial.
         """
         highest = _logistic(_LOGIT)
         damping = loss * self.omega**2 * self.top / (highest / (1 - highest)) * highest
@@ -126,8 +127,9 @@ def two_pair(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     """Options of a setting, by name: a spring pair and a damper pair with any restitution that
     falls with speed.
 
-    integrator: that the options name. Raises SettingError for a target without loss or without
-    bounce, SearchInterrupted with the best options so far.
+    integrator: that the options name.
+    Raises SettingError for a target without loss or without bounce, SearchInterrupted with the best
+    options so far.
     """
     with map_result(lambda rows: rows_options(integrator, *rows)):
         return rows_options(integrator, *two_pair_rows(target))
@@ -136,8 +138,9 @@ def two_pair(target: Target, integrator: str = "Euler") -> dict[str, Any]:
 def two_pair_rows(target: Target) -> list[ConstraintRow]:
     """The spring and the damper, fitted to the target's e without gravity, from up to two starts.
 
-    target: its α or curve, band of speeds, mass and step. Raises SettingError for a target without
-    loss or without bounce, SearchInterrupted with the best so far.
+    target: its α or curve, band of speeds, mass and step.
+    Raises SettingError for a target without loss or without bounce, SearchInterrupted with the best
+    so far.
     """
     # SciPy's optimisation is slow to import.
     from scipy.optimize import least_squares

@@ -14,7 +14,7 @@ from __future__ import annotations
 import copy
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +46,9 @@ Z = 2
 def stays_on_axis(mujoco: Any, model: Any) -> bool:
     """Say whether the ball of a model, which at qpos0 just touches, cannot leave the vertical.
 
-    mujoco: the module. model: compiled, of one ball on a free joint, with contact through explicit
-    <pair>s, tendon limits, or one pair of geoms.
+    mujoco: the module.
+    model: compiled, of one ball on a free joint, with contact through explicit <pair>s, tendon
+    limits, or one pair of geoms.
     """
     ball = model.jnt_bodyid[0]
     geoms = np.flatnonzero(model.geom_bodyid == ball)
@@ -72,7 +73,8 @@ def _solves_well(mujoco: Any, model: Any) -> bool:
     """Say whether a model lets the solver iterate until it converges: at least as often, and to as
     small a tolerance, as MuJoCo does by default.
 
-    If it is stopped early, a free ball moves otherwise than one on a slide. mujoco: the module.
+    If it is stopped early, a free ball moves otherwise than one on a slide.
+    mujoco: the module.
     model: MjModel.
     """
     option = model.opt
@@ -131,7 +133,8 @@ def collidable_pairs(model: Any, moving: NDArray[np.bool_]) -> list[tuple[int, i
 def _touches_below(mujoco: Any, model: Any) -> bool:
     """Say whether all that the ball can touch are fixed horizontal planes, without friction.
 
-    mujoco: the module. model: MjModel.
+    mujoco: the module.
+    model: MjModel.
     """
     for _, other, dim in _contact_ways(model):
         is_plane = model.geom_type[other] == mujoco.mjtGeom.mjGEOM_PLANE
@@ -147,7 +150,8 @@ def _touches_below(mujoco: Any, model: Any) -> bool:
 def _pulls_along(mujoco: Any, model: Any) -> bool:
     """Say whether all tendons hold the ball, and run along the axis: between sites on it.
 
-    mujoco: the module. model: MjModel, whose first joint is the ball's.
+    mujoco: the module.
+    model: MjModel, whose first joint is the ball's.
     """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -180,9 +184,11 @@ def replace_free_joint(mujoco: Any, spec: Any, height: float) -> None:
     """Turn the free joints of a spec into slides along z, whose position is the height of the body's
     centre.
 
-    mujoco: the module. spec: MjSpec, changed. height: of the centre at qpos0, m. It is done in the
-    spec and not in the MJCF, where a slide would take numbers from default classes, as a
-    <freejoint> does not.
+    mujoco: the module.
+    spec: MjSpec, changed.
+    height: of the centre at qpos0, m.
+    It is done in the spec and not in the MJCF, where a slide would take numbers from default
+    classes, as a <freejoint> does not.
     """
     for joint in spec.joints:
         joint.type = mujoco.mjtJoint.mjJNT_SLIDE
@@ -194,9 +200,10 @@ def copy_inverse_weights(mujoco: Any, model: Any, free: Any) -> None:
     """Give balls on slides the inverse masses that MuJoCo computes of a free ball, and so the same
     contact forces.
 
-    model: of balls on slides; changed. free: of one free ball. If a ball is never in more than one
-    constraint, the solver is set to one sweep of Gauss and Seidel, which gives the same forces but
-    for round-off, and is faster.
+    model: of balls on slides; changed.
+    free: of one free ball.
+    If a ball is never in more than one constraint, the solver is set to one sweep of Gauss and
+    Seidel, which gives the same forces but for round-off, and is faster.
     """
     body = int(free.jnt_bodyid[0])
     size = model.njnt
@@ -238,6 +245,19 @@ _BITS = 15
 _MASK = (1 << _BITS) - 1
 
 
+class _Span(NamedTuple):
+    """Where the positions of the balls, or their velocities, are in states.
+
+    start: their first place in a state of the batch.
+    width: numbers of one ball.
+    inner: their first place in a state of one free ball.
+    """
+
+    start: int
+    width: int
+    inner: int
+
+
 @dataclass(frozen=True, slots=True)
 class BatchedModel:
     """A compiled model of `size` balls, each free or on a slide along z.
@@ -258,7 +278,8 @@ class BatchedModel:
         """Pack states of one ball each into states of the batch, of `size` balls each: (rows, nstate
         of the batch), with rows = b/size rounded up.
 
-        states: (b, nstate). What is left over of the last row repeats the last ball.
+        states: (b, nstate).
+        What is left over of the last row repeats the last ball.
         """
         if self.whole:
             return states
@@ -292,9 +313,10 @@ class BatchedModel:
         """One number of each ball over a path of states of the batch, (count, n); None for a number
         that does not change, since the balls are on slides.
 
-        path: (rows, n, nstate of the batch), SI. component: (0, 0 ... 6) for a position or part of
-        the quaternion, (1, 0 ... 5) for a velocity or part of the spin. count: of balls, the first
-        in the rows.
+        path: (rows, n, nstate of the batch), SI.
+        component: (0, 0 ... 6) for a position or part of the quaternion, (1, 0 ... 5) for a
+        velocity or part of the spin.
+        count: of balls, the first in the rows.
         """
         kind, i = component
         if self.whole:
@@ -319,14 +341,16 @@ class BatchedModel:
     def _widths(self) -> tuple[int, int]:
         return _SLIDING if self.sliding else _FREE
 
-    def _spans(self) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
-        """(place in a state of the batch, numbers a ball, place in the state of one ball) of
-        positions, then of velocities. A state of the batch begins with the time.
-        """
+    def _spans(self) -> tuple[_Span, _Span]:
+        """Spans of the positions and of the velocities. A state of the batch begins with the time."""
         nq, nv = self._widths
         # Of a ball on a slide only the vertical number counts.
         inner = Z if self.sliding else 0
-        return (1, nq, self.at[0] + inner), (1 + nq * self.size, nv, self.at[1] + inner)
+        position, velocity = self.at
+        return (
+            _Span(1, nq, position + inner),
+            _Span(1 + nq * self.size, nv, velocity + inner),
+        )
 
 
 def batch_kind(loaded: SceneModel) -> Kind:
@@ -392,8 +416,9 @@ def _touches_in_one_way(model: Any) -> bool:
 def compile_batch(loaded: SceneModel, size: int, sliding: bool) -> BatchedModel:
     """Compile a model with several balls that do not touch each other, each like the one of `loaded`.
 
-    loaded: a scene whose `batch_kind` is not "alone". size: number of balls. sliding: each on a
-    slide along z.
+    loaded: a scene whose `batch_kind` is not "alone".
+    size: number of balls.
+    sliding: each on a slide along z.
     """
     mujoco = loaded.mujoco
     one = loaded.model
@@ -421,8 +446,9 @@ def _repeated(root: ET.Element, size: int) -> ET.Element:
     """Add copies of the ball to an MJCF, and of all contacts, tendons and sensors that refer to it by
     name.
 
-    root: changed, and returned. size: number of balls in the end. Names in a copy end in a mark and
-    its number.
+    root: changed, and returned.
+    size: number of balls in the end.
+    Names in a copy end in a mark and its number.
     """
     # Keyframes are made for one ball.
     for keyframe in root.findall("keyframe"):
@@ -467,7 +493,8 @@ def _renamed(element: ET.Element, names: Mapping[str, set[str | None]], suffix: 
     """Add a suffix to the names that an element and its children have, and to the names of the
     ball's parts to which they refer.
 
-    element: changed, and returned. names: of the ball's parts, by tag.
+    element: changed, and returned.
+    names: of the ball's parts, by tag.
     """
     for part in element.iter():
         if "name" in part.attrib:
@@ -483,7 +510,8 @@ def _disable_mutual_collisions(spec: Any) -> None:
     never with each other.
 
     A ball gets both its masks into its contype, a fixed geom both into its conaffinity: then the
-    masks of two balls have no bit in common. spec: MjSpec, changed.
+    masks of two balls have no bit in common.
+    spec: MjSpec, changed.
     """
     # The <pair>s are all ways to touch, or the model would not be batched: collisions need not be
     # looked for, which would cost a sixth of a step.

@@ -43,7 +43,8 @@ def section(root: ET.Element, tag: str) -> ET.Element:
 def named(root: ET.Element, tag: str, name: str, path: Path) -> ET.Element:
     """The first element below `root` of that tag and name.
 
-    path: of the model, for errors. Raises SceneError where there is none.
+    path: of the model, for errors.
+    Raises SceneError where there is none.
     """
     for element in root.iter(tag):
         if element.get("name") == name:

@@ -40,8 +40,9 @@ class _RowTable(OptionTable):
     """One contact constraint of a setting's option `rows`, as a user or a file states it.
 
     solref, solimp, solreffriction: MuJoCo's numbers; solreffriction () for that of solref.
-    onset: depth at which it starts, m. adhesion: force with which it may pull, N. friction: μ, 0
-    for none.
+    onset: depth at which it starts, m.
+    adhesion: force with which it may pull, N.
+    friction: μ, 0 for none.
     """
 
     solref: tuple[Finite, Finite] = Field(
@@ -74,8 +75,10 @@ class _RowTable(OptionTable):
 class _Table(OptionTable):
     """Options of a setting as a user or a file states them, to be checked.
 
-    integrator, cone, impratio: MuJoCo's; None: the model's own. rows: of the contact. corners: how
-    many points land together. law: of a plug-in, in place of rows; friction: its μ.
+    integrator, cone, impratio: MuJoCo's; None: the model's own.
+    rows: of the contact.
+    corners: how many points land together.
+    law: of a plug-in, in place of rows; friction: its μ.
     """
 
     integrator: _Integrator | None = Field(None, description=f"one of: {', '.join(INTEGRATORS)}")
@@ -123,8 +126,9 @@ class Options:
 def read_options(options: Mapping[str, Any]) -> Options:
     """Check the options of a setting, and read them.
 
-    options: by name, as a setting has them. Raises SettingError for the first that MuJoCo does not
-    have, for a law together with rows, and for a friction without a force law.
+    options: by name, as a setting has them.
+    Raises SettingError for the first that MuJoCo does not have, for a law together with rows, and
+    for a friction without a force law.
     """
     table = validate(_Table, options, SettingError, "mujoco option '{}'")
     law = None
@@ -221,8 +225,10 @@ def option_attributes(setting: Setting) -> dict[str, str]:
 def pairs_text(rows: Sequence[ConstraintRow], pair: tuple[str, str], indent: str = "") -> str:
     """MJCF text of contact rows: one line for each, a <pair> of the same two geoms.
 
-    pair: names of the geoms. indent: blanks before each line. Each attribute that matters is
-    written even where it is MuJoCo's default, as a model's <default><pair> may have another.
+    pair: names of the geoms.
+    indent: blanks before each line.
+    Each attribute that matters is written even where it is MuJoCo's default, as a model's
+    <default><pair> may have another.
     """
     pulls = any(row.adhesion for row in rows)
     lines = []
@@ -246,8 +252,9 @@ def scene_tree(scene: Scene, timestep: float, options: Options) -> ET.Element:
     """The complete MJCF of a scene under a setting, as a tree of XML: the scene's file with step,
     gravity, mass, contact and friction written into it.
 
-    timestep: s. Raises SceneError for a scene without a model, or whose model lacks ball or plate;
-    SettingError for friction or adhesion in a cup.
+    timestep: s.
+    Raises SceneError for a scene without a model, or whose model lacks ball or plate; SettingError
+    for friction or adhesion in a cup.
     """
     path = model_path(scene)
     root = _parse(path, path.parent, ())
@@ -279,9 +286,12 @@ def _write_friction(root: ET.Element, scene: Scene, path: Path, in_rows: bool) -
     """Write the scene's Coulomb friction into an MJCF: into the geoms of ball and plate, and into
     <pair>s that state no friction of their own.
 
-    root: changed. path: of the model, for errors. in_rows: rows of the setting have friction, so
-    <pair>s stay as they are. The ball also gets the scene's mass (kg) and inertia (kg m²), so that
-    it turns as the scene's does. Raises SettingError for a cup, whose contact has no friction.
+    root: changed.
+    path: of the model, for errors.
+    in_rows: rows of the setting have friction, so <pair>s stay as they are.
+    The ball also gets the scene's mass (kg) and inertia (kg m²), so that it turns as the scene's
+    does.
+    Raises SettingError for a cup, whose contact has no friction.
     """
     if scene.form == "cup":
         given = f"{scene.friction!r} in the form 'cup'"
@@ -325,8 +335,9 @@ def set_mass(body: ET.Element, mass: float, path: Path) -> None:
     has the inertia stays as it is, to the bit.
 
     body: its element, changed. Without an <inertial>, its geom "ball" gets the mass.
-    path: of the model, for errors. Raises SceneError for an <inertial> without a finite mass above
-    0, and where there is neither an <inertial> nor that geom.
+    path: of the model, for errors.
+    Raises SceneError for an <inertial> without a finite mass above 0, and where there is neither an
+    <inertial> nor that geom.
     """
     inertial = body.find("inertial")
     if inertial is None:
@@ -356,7 +367,9 @@ def add_pairs(
 ) -> list[ET.Element]:
     """Add each row to an MJCF as a <pair> of the ball's geom with each of the geoms named `others`.
 
-    ball: the geom. Returns the <pair>s, those of the first row first.
+    rows: one <pair> with each of the others.
+    ball: the geom.
+    Returns the <pair>s, those of the first row first.
     """
     contact = section(root, "contact")
     pairs = []
@@ -408,7 +421,8 @@ def numbers_text(numbers: Iterable[float], number: Callable[[float], str] = repr
 def _parse(path: Path, folder: Path, above: tuple[Path, ...]) -> ET.Element:
     """Parse an MJCF file, and put the content of the files that it includes in their place.
 
-    folder: of the main file, from which all includes lead. above: files that include this one.
+    folder: of the main file, from which all includes lead.
+    above: files that include this one.
     Raises SceneError for what cannot be read, and for an include of itself.
     """
     try:
@@ -435,7 +449,8 @@ def _anchor_files(root: ET.Element, folder: Path) -> None:
     """Write the folders of meshes and textures into an MJCF as absolute paths, since its text, once
     written, has no folder of its own; nothing where it names no files.
 
-    root: changed. folder: of the file that the MJCF was read from.
+    root: changed.
+    folder: of the file that the MJCF was read from.
     """
     assets = list(root.iterfind("asset/*[@file]"))
     if not assets:
@@ -453,7 +468,9 @@ def _write_limits(
     """Write each row into the MJCF of a cup as the limit of a tendon between the two centres: the
     first into the scene's tendon `contact`, the others into copies of it.
 
-    root: changed. path: of the model, for errors.
+    rows: of the setting, one limit each.
+    root: changed.
+    path: of the model, for errors.
 
     Raises SettingError for adhesion, as a limit only pushes; SceneError where the model has no
     tendon `contact`.

@@ -55,8 +55,9 @@ def parting_speed(push: Push, speed: float, first_step: float, longest: float) -
     bodies then part, m/s; 0 for a contact that has not ended by `longest`.
 
     push: acceleration apart, m/s², as a function of penetration, m, and its rate, m/s.
-    speed: of approach at touch, m/s. first_step: of the integration, s, short beside all that
-    happens; later steps follow the error. longest: time to follow the contact, s.
+    speed: of approach at touch, m/s.
+    first_step: of the integration, s, short beside all that happens; later steps follow the error.
+    longest: time to follow the contact, s.
     """
     time = 0.0
     x = 0.0
@@ -87,7 +88,8 @@ def _step(push: Push, x: float, v: float, step: float) -> tuple[float, float, fl
     """Take one step of Dormand and Prince's method: penetration x, m, and rate v, m/s, after it, and
     estimates of their errors.
 
-    push: acceleration apart of the contact, m/s², at (x, v); below 0 it counts as none. step: s.
+    push: acceleration apart of the contact, m/s², at (x, v); below 0 it counts as none.
+    step: s.
     """
     # Rates of x and of v at each stage; the contact only pushes.
     speeds = [v]
@@ -113,6 +115,7 @@ def _at_parting(push: Push, x: float, v: float, step: float) -> float:
     """Find by bisection the time within a step at which the contact no longer pushes; the rate v
     then, m/s.
 
+    push: acceleration apart of the contact, m/s², at (x, v); below 0 it counts as none.
     x, v: penetration, m, and rate, m/s, at the step's start. step: s, at whose end the contact no
     longer pushes.
     """
@@ -180,7 +183,9 @@ class ConstraintRow:
     ) -> ConstraintRow:
         """Make a row by its stiffness S, 1/s², and damping D, 1/s, per unit effective mass.
 
-        solimp: MuJoCo's, of the impedance. onset: depth from which the row acts, m. adhesion: N.
+        solimp: MuJoCo's, of the impedance.
+        onset: depth from which the row acts, m.
+        adhesion: N.
         """
         return cls((-float(stiffness), -float(damping)), solimp, float(onset), float(adhesion))
 
@@ -188,7 +193,9 @@ class ConstraintRow:
         """The same row with Coulomb friction that stops the slip of a solid sphere in about a step,
         as far as μ allows. For a row whose impedance d is constant.
 
-        coefficient: μ. timestep: h, s. impratio: that the model will have.
+        coefficient: μ.
+        timestep: h, s.
+        impratio: that the model will have.
 
         The contact point gives way s = 1 + m R²/I = 3.5 times as easily along the plate as along its
         normal. So the impedance of friction is d_t = w/(1 + w), w = d/(1 - d) impratio s, and the
@@ -244,7 +251,8 @@ def impedance(solimp: Sequence[Floats | float], depth: Floats) -> Floats:
     sigmoid between (its documentation, Modeling, "Impedance").
 
     solimp: its five numbers, d0, dw, width (m), midpoint and power; each may be an array that
-    broadcasts with the depths. depth: below the onset, m.
+    broadcasts with the depths.
+    depth: below the onset, m.
     """
     d0, dw, width, midpoint, power = solimp
     # `np.clip` takes four times as long.
@@ -272,9 +280,11 @@ def combine(
     """Acceleration apart that several rows give together, m/s², without the axis of the rows; and
     their weights, 0 for those that do not act, with it.
 
-    reference: acceleration that each row asks for, m/s². weights: d/(1 - d) of each, 0 above its
-    onset, of the same shape. may_pull: true for rows with adhesion; others act only while they
-    push. axis: that of the rows. gravity: that presses together, m/s².
+    reference: acceleration that each row asks for, m/s².
+    weights: d/(1 - d) of each, 0 above its onset, of the same shape.
+    may_pull: true for rows with adhesion; others act only while they push.
+    axis: that of the rows.
+    gravity: that presses together, m/s².
     """
     while True:
         pushed = np.add.reduce(weights * reference, axis=axis, keepdims=True) - gravity
@@ -318,7 +328,9 @@ def restitution(
     """Simulate impacts on rows without gravity, by MuJoCo's Euler step v+ = v - h a, x+ = x + h v+:
     e, (speeds, phases), NaN for a contact that has not ended.
 
-    rows: one or more, per unit mass. timestep: h, s. speeds: at touch, m/s, (n,).
+    rows: one or more, per unit mass.
+    timestep: h, s.
+    speeds: at touch, m/s, (n,).
     phases: number of places in a step where the contact starts, evenly spread.
     duration: to simulate, s.
     """

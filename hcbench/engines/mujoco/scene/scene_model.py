@@ -58,7 +58,8 @@ class SceneModel:
 def load(scene: Scene, timestep: float, options: Options) -> SceneModel:
     """Compile a scene under a setting, and check that the model is what the scene says.
 
-    timestep: s. options: the setting's.
+    timestep: s.
+    options: the setting's.
 
     Raises SettingError for friction or adhesion in a cup, SceneError for a model that is not what
     the scene says, EngineMissing where the installed MuJoCo is too old for the setting.
@@ -115,8 +116,9 @@ def _check_touch(mujoco: Any, model: Any, joint: int, scene: Scene, options: Opt
     """Raise SceneError unless ball and plate just touch at qpos0, with the scene's radii: the ball,
     lowered by _OVERLAP m, must be as deep in the plate.
 
-    mujoco: the module. joint: number of the ball's free joint. options: of the setting; the first
-    row of a cup begins at its onset.
+    mujoco: the module.
+    joint: number of the ball's free joint.
+    options: of the setting; the first row of a cup begins at its onset.
     """
     data = mujoco.MjData(model)
     data.qpos[int(model.jnt_qposadr[joint]) + 2] -= _OVERLAP
@@ -137,7 +139,8 @@ def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
     """Raise SceneError if anything but gravity acts on the ball off the plate: what else changes its
     momentum would be taken for the contact.
 
-    mujoco: the module. joint: number of the ball's free joint.
+    mujoco: the module.
+    joint: number of the ball's free joint.
     """
     path = str(model_path(scene))
     body = int(model.jnt_bodyid[joint])
@@ -169,8 +172,9 @@ def _check_flight(mujoco: Any, model: Any, joint: int, scene: Scene) -> None:
 def _find_ball(mujoco: Any, model: Any, scene: Scene) -> int:
     """Check the body `ball` of a model, and return the number of its free joint.
 
-    mujoco: the module. Raises SceneError where the body is not on a free joint, not the scene's
-    sphere, not centred on its geom or not as heavy as the scene says.
+    mujoco: the module.
+    Raises SceneError where the body is not on a free joint, not the scene's sphere, not centred on
+    its geom or not as heavy as the scene says.
     """
     path = str(model_path(scene))
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "ball")
@@ -202,7 +206,8 @@ def _check_radius(mujoco: Any, model: Any, geom: int, scene: Scene) -> None:
     """Raise SceneError unless the ball is a sphere of the radius that the scene says; the check of
     the touch alone would let one of another radius pass.
 
-    geom: number of the ball's. On a plane it has the scene's relative radius.
+    geom: number of the ball's.
+    On a plane it has the scene's relative radius.
     """
     path = str(model_path(scene))
     what = "R1"

@@ -51,7 +51,8 @@ class LentScene(NamedTuple):
 def load_scene(xml: str, contact: bool) -> LentScene:
     """Compile a scene of a ball with a free joint for an engine that steps MuJoCo's models.
 
-    xml: its MJCF. contact: false to let bodies pass through each other.
+    xml: its MJCF.
+    contact: false to let bodies pass through each other.
     """
     mujoco = backend()
     model = mujoco.MjModel.from_xml_string(xml)
@@ -194,7 +195,8 @@ def _impedance(
     an engine that keeps it.
 
     rows: (solref, solimp) of the contact; a row counts whose damper alone, in the direct format,
-    reverses the body in a step. geoms: that the fix changes.
+    reverses the body in a step.
+    geoms: that the fix changes.
     """
     # solimps of the rows that reverse a body in one step.
     stiff = []

@@ -54,7 +54,8 @@ def states_at_release(model: SceneModel, launches: Sequence[Launch]) -> Floats:
     """MuJoCo's full states of a scene's ball at the release of each launch, (b, nstate): it is above
     the touch by the launch's clearance, and moves with its velocity.
 
-    launches: b of them. Raises SettingError for a height that a cup has no room for.
+    launches: b of them.
+    Raises SettingError for a height that a cup has no room for.
     """
     columns = Launches.of(launches)
     gaps = columns.clearance(model.timestep)  # m, (b,)
@@ -467,10 +468,11 @@ class BatchPool:
     def size_for(self, balls: int, now: int, steps: int) -> int:
         """Choose how many balls a model has for launches that are under way.
 
-        balls: launches that are left. now: balls in a model until now, 0 at release. steps: that are
-        probably still to come. The number changes only where the time that it saves is worth
-        compiling another model; a few launches left of many go on alone. No number changes a bit of
-        the results.
+        balls: launches that are left.
+        now: balls in a model until now, 0 at release.
+        steps: that are probably still to come. The number changes only where the time that it saves
+        is worth compiling another model; a few launches left of many go on alone. No number changes
+        a bit of the results.
         """
         # Several models are stepped at once: each gets its share, but not too few to be worth it.
         for_each_thread = math.ceil(balls / self.threads)

@@ -97,8 +97,9 @@ class BulletBody:
     """A body of a client with all its links: `kind` is "fixed", "free"
     (one rigid body) or "jointed".
 
-    number: PyBullet's id of the body. Links are numbered as in PyBullet, -1 is the base. Masses
-    and inertias are read when it is made, the state then and by `refresh`.
+    number: PyBullet's id of the body.
+    Links are numbered as in PyBullet, -1 is the base. Masses and inertias are read when it is made,
+    the state then and by `refresh`.
     """
 
     def __init__(self, bullet: BulletClient, number: int) -> None:
@@ -187,9 +188,11 @@ class BulletBody:
         """Response of the body to a unit force on a link: J, by which the force reaches each degree
         of freedom, and the acceleration M^-1 J^T of each; None for a fixed body.
 
-        link: number, -1 the base. point: where the force acts, m, in the world. direction: of the
-        force, unit vector, in the world. The degrees of freedom are 6 of a free base, then those of
-        the joints. NaN where a joint's axis is unknown.
+        link: number, -1 the base.
+        point: where the force acts, m, in the world.
+        direction: of the force, unit vector, in the world.
+        The degrees of freedom are 6 of a free base, then those of the joints. NaN where a joint's
+        axis is unknown.
         """
         if self.kind == "fixed":
             return None
@@ -307,9 +310,10 @@ def _joint_twists(
     """Twists of the degrees of freedom of a joint, in the world: for each the spin w and the velocity
     v at the world's origin of the links that it moves, at a rate of 1.
 
-    joint: PyBullet's info. centre (m), quaternion (x, y, z, w): of its link's frame at the centre
-    of mass. pivot: the joint's origin in that frame, m. NaN for a planar joint, whose axis PyBullet
-    does not return.
+    joint: PyBullet's info.
+    centre (m), quaternion (x, y, z, w): of its link's frame at the centre of mass.
+    pivot: the joint's origin in that frame, m. NaN for a planar joint, whose axis PyBullet does not
+    return.
     """
     kind = joint[JOINT_TYPE]
     if kind == FIXED:
@@ -336,9 +340,10 @@ def _inverse(mass_matrix: Floats) -> Floats:
 class ContactRow:
     """Responses of two bodies to a unit force at a contact.
 
-    bodies: of the contact. responses: of each, as `BulletBody.response` returns it, to the same
-    force, that on the first; the second feels its opposite, for which `acceleration` changes the
-    sign. None for a body that cannot move.
+    bodies: of the contact.
+    responses: of each, as `BulletBody.response` returns it, to the same force, that on the first;
+    the second feels its opposite, for which `acceleration` changes the sign. None for a body that
+    cannot move.
     """
 
     bodies: tuple[BulletBody, BulletBody]
@@ -348,6 +353,7 @@ class ContactRow:
         """Relative acceleration along this row by the unit force of another, 1/kg.
 
         J M^-1 J'^T, over the bodies that the two rows share: 0 if they share none.
+        other: responses of two bodies, which may be others, to the other force.
         """
         total = 0.0
         for i, own_body in enumerate(self.bodies):
@@ -378,10 +384,12 @@ def contact_row(
     """Responses of two bodies to a unit force at the point where they touch, as a `ContactRow`:
     from them follow their effective mass along the direction, and how one contact moves another.
 
-    first, second: (body, number of its link, -1 the base) each. point: where they touch, m, in the
-    world. direction: unit vector, in the world, of the force on the first. The response of the
-    second is to a force along the same direction; `ContactRow.acceleration` changes its sign.
-    A response is None for a fixed body, and NaN where the axis of a joint is unknown.
+    first, second: (body, number of its link, -1 the base) each.
+    point: where they touch, m, in the world.
+    direction: unit vector, in the world, of the force on the first.
+    The response of the second is to a force along the same direction; `ContactRow.acceleration`
+    changes its sign. A response is None for a fixed body, and NaN where the axis of a joint is
+    unknown.
     """
     first_body, first_link = first
     second_body, second_link = second

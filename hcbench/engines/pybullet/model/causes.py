@@ -157,7 +157,8 @@ def _fix_restitutions(
     """The fix that sets the restitution of links: text for the user, and a function that makes it in
     a client. Springs of the links stay, as they are a cause of their own.
 
-    sides: the links. values: the restitution of each.
+    sides: the links.
+    values: the restitution of each.
     """
     return _fix(*(Call({"restitution": e}, side) for side, e in zip(sides, values, strict=True)))
 
@@ -446,9 +447,11 @@ def _spin_clamp(c: BulletContext) -> Iterator[Suspect]:
 def speed_of_hops(timestep: float, gravity: float) -> float:
     """The largest speed with which a body that has a restitution hops although it should rest, m/s.
 
-    timestep: h, s. gravity: g along the normal, m/s². In each step gravity brings the body to the
-    plate at g h, and restitution throws it up again. So with e it hops for ever, at up to 2 g h/(1
-    + e); the corners of a face that hop in turn are a little faster.
+    timestep: h, s.
+    gravity: g along the normal, m/s².
+    In each step gravity brings the body to the plate at g h, and restitution throws it up again. So
+    with e it hops for ever, at up to 2 g h/(1 + e); the corners of a face that hop in turn are a
+    little faster.
     """
     return _HOPS * max(gravity, 0.0) * timestep
 
@@ -460,7 +463,9 @@ def restitution_setting(
 
     The first part gets e, the second 1: Bullet multiplies them.
     springless: for each of the two parts the keywords that take away its spring and damper, {} for
-    none. still: speed below which nothing is to bounce, m/s.
+    none.
+    still: speed below which nothing is to bounce, m/s.
+    place: the pair at touch.
     """
     first, second = ({"restitution": 1.0, **keywords} for keywords in springless)
     first["restitution"] = e
@@ -520,8 +525,9 @@ def broken_promise(
 ) -> Iterator[Suspect]:
     """Yield a suspect for each difference between a pair and the one that `hcbench tune` wrote.
 
-    promise: what it wrote. has_law: whether a law of the plug-in acts between the two now. gravity:
-    m/s², (3,).
+    promise: what it wrote.
+    has_law: whether a law of the plug-in acts between the two now.
+    gravity: m/s², (3,).
     """
     parameters = bullet.getPhysicsEngineParameters()
     is_plugin = not promise.rows

@@ -81,9 +81,12 @@ class Seen(NamedTuple):
 class WorldDropBench(DropBench):
     """A robot over the fixed bodies of its world; every drop is in a forked copy of it.
 
-    number: its body in the client. feet: its links that the pairs name, or () for all. robot: what a
-    test reports of it and of what holds its joints. mass: kg. seen: links that the floor pushed so
-    far, -1 for the base. points: at which it pushed at once, at most.
+    number: its body in the client.
+    feet: its links that the pairs name, or () for all.
+    robot: what a test reports of it and of what holds its joints.
+    mass: kg.
+    seen: links that the floor pushed so far, -1 for the base.
+    points: at which it pushed at once, at most.
 
     Raises UserError for pairs that are not of a robot, a world without floor or gravity, and for a
     client that is another process's.
@@ -94,8 +97,9 @@ class WorldDropBench(DropBench):
     ) -> None:
         """Find the robot of the pairs, and what holds its joints.
 
-        world: ended with the bench where hcbench opened it. requests: of pairs of the robot with
-        the floor; the first has the pose, step and gravity. apply: changes the world of each drop.
+        world: ended with the bench where hcbench opened it.
+        requests: of pairs of the robot with the floor; the first has the pose, step and gravity.
+        apply: changes the world of each drop.
         """
         self.world = world
         if world.disconnect:
@@ -192,8 +196,9 @@ def _feet(
     """Find the robot of which some pairs name feet: the number of its body, and the links that the
     pairs name, () if one names the whole body.
 
-    pairs: each of a part of the robot and of something fixed. Raises UserError for pairs of which
-    not one part has a free base, of several bodies, or of a body without moving joints.
+    pairs: each of a part of the robot and of something fixed.
+    Raises UserError for pairs of which not one part has a free base, of several bodies, or of a
+    body without moving joints.
     """
     bullet = world.bullet
     feet: dict[tuple[int, int], None] = {}
@@ -219,7 +224,10 @@ def _drop(
 ) -> Seen:
     """Drop the robot once, in a world that may be changed, and read how it lands.
 
-    over_floor: the robot in its pose. drive: called before each step. seconds: to simulate.
+    drop: height, tilt and phase.
+    over_floor: the robot in its pose.
+    drive: called before each step.
+    seconds: to simulate.
     """
     h, g = over_floor.h, over_floor.g
     # Quaternion x y z w of the tilt.
@@ -239,7 +247,8 @@ def _drop(
 class _DropPath:
     """The way of a robot, recorded step by step.
 
-    links: that the floor pushed. points: at which it pushed at once, at most.
+    links: that the floor pushed.
+    points: at which it pushed at once, at most.
     """
 
     def __init__(self, over_floor: WorldOverFloor) -> None:

@@ -73,8 +73,10 @@ class _Child:
 def _serve(pipe: Connection, end: Connection, make: Callable[[], Any]) -> None:
     """Answer requests in the child until the parent is gone.
 
-    pipe: the parent's end, closed here. end: the child's. make: makes the function that answers. An
-    error is sent back; the parent raises it.
+    pipe: the parent's end, closed here.
+    end: the child's.
+    make: makes the function that answers.
+    An error is sent back; the parent raises it.
     """
     pipe.close()
     answer = None
@@ -223,8 +225,10 @@ class CopyOfWorld:
     def advance(self, simulation: _LaunchInCopy, launch: Launch | None, steps: int) -> Record:
         """Let the copy take steps of the launch under way, and return their record.
 
-        simulation: that launch's. launch: it, to be released first; None where that is done. steps:
-        number of steps. Raises what the copy raises, EngineFailed if it dies.
+        simulation: that launch's.
+        launch: it, to be released first; None where that is done.
+        steps: number of steps.
+        Raises what the copy raises, EngineFailed if it dies.
         """
         assert simulation is self._under_way, "a copy of a world has one launch at a time"
         if launch is not None and self._flew_off:

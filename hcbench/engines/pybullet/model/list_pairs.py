@@ -121,8 +121,9 @@ def _described(
     """Describe a pair of links in the world's present pose: names, shapes, effective mass (kg), signed
     distance (m) and contact parameters.
 
-    bodies: by PyBullet's numbers. first: one that moves. Mass and distance are NaN where PyBullet
-    finds no distance.
+    bodies: by PyBullet's numbers.
+    first: one that moves.
+    Mass and distance are NaN where PyBullet finds no distance.
     """
     bullet = world.bullet
     pair = (first, second)
@@ -201,7 +202,8 @@ def _joint(body: BulletBody, link: int) -> str:
     """Phrase of what lets a link move: "its free base", "its joints (...)" with up to six that it
     hangs on, or "nothing".
 
-    link: number, -1 the base. A base of mass 0 is fixed in Bullet.
+    link: number, -1 the base.
+    A base of mass 0 is fixed in Bullet.
     """
     if body.mass > 0.0:
         return "its free base"
@@ -220,7 +222,8 @@ def find_pair(world: LoadedWorld, names: tuple[str, str] | None) -> tuple[BodyPa
     of `names`; else the world's only two bodies.
 
     names: of two parts, each a file, a body, or a link ("body/link" where links share a name); None
-    for none. Raises UserError for a world with a choice, an unknown name, and one body twice.
+    for none.
+    Raises UserError for a world with a choice, an unknown name, and one body twice.
     """
     bullet = world.bullet
     if world.pair:

@@ -48,8 +48,10 @@ _MOST_STEPS = 4000
 class _ContactAfterStep(NamedTuple):
     """The contact of a pair after a step.
 
-    normal: its force, N. friction: the sum of both its directions, on the moving part, N, (3,), but
-    for its sign. depth: m. point: where the force acts, m.
+    normal: its force, N.
+    friction: the sum of both its directions, on the moving part, N, (3,), but for its sign.
+    depth: m.
+    point: where the force acts, m.
     """
 
     normal: float
@@ -61,7 +63,9 @@ class _ContactAfterStep(NamedTuple):
 class PairInWorld(NamedTuple):
     """A placed pair, and how to try something with it.
 
-    timestep: s. gravity: (3,), m/s². along: a way in the plate; None: x or y.
+    timestep: s.
+    gravity: (3,), m/s².
+    along: a way in the plate; None: x or y.
     aside: calls a function that changes the world and returns its result; the world stays as it is.
     """
 
@@ -86,7 +90,8 @@ class PairInWorld(NamedTuple):
 class _Resting:
     """The pair of a world that is stepped until it lies; the world is changed.
 
-    steps: number of those taken. first, second: the two bodies, timestep: s.
+    steps: number of those taken.
+    first, second: the two bodies, timestep: s.
     """
 
     def __init__(self, pair: PairInWorld) -> None:
@@ -125,7 +130,8 @@ class _Resting:
         """Let a force, N, (3,), act on the moving part in the next step, and its opposite on the
         other.
 
-        point: where it acts, m, (3,), in the world. A fixed part takes none.
+        point: where it acts, m, (3,), in the world.
+        A fixed part takes none.
         """
         world = self.bullet.module.WORLD_FRAME
         for sign, part, body in (

@@ -70,7 +70,8 @@ def check_urdf(path: Path, root: ET.Element) -> None:
     Links without a name, or with the same name, and joints of an unknown type make no tree. A size
     is one or more numbers above 0, m.
 
-    path: of the file, for errors. root: its <robot> element.
+    path: of the file, for errors.
+    root: its <robot> element.
     Raises SceneError, and QuantityError for a size beyond its bounds.
     """
     _check_tree(path, root)
@@ -87,7 +88,8 @@ def check_urdf(path: Path, root: ET.Element) -> None:
 def _check_tree(path: Path, root: ET.Element) -> None:
     """Refuse a URDF whose links are not one tree, each with a name of its own.
 
-    path: of the file, for errors. root: its <robot> element.
+    path: of the file, for errors.
+    root: its <robot> element.
     Raises SceneError for a link without a name or with another's, an unknown type of joint, a joint
     between links that are not there, a link with two parents, two root links, and a circle.
     """
@@ -124,7 +126,9 @@ def _check_tree(path: Path, root: ET.Element) -> None:
 def _end(slot: str, joint: ET.Element, end: str, known: set[str]) -> str:
     """Name of the link at one end of a joint.
 
-    slot: the joint, for the error. end: "parent" or "child". known: names of the robot's links.
+    slot: the joint, for the error.
+    end: "parent" or "child".
+    known: names of the robot's links.
     Raises SceneError for a link that is not among them.
     """
     element = joint.find(end)
@@ -137,8 +141,9 @@ def _end(slot: str, joint: ET.Element, end: str, known: set[str]) -> str:
 def _check_circle(path: Path, names: list[str], parent_of: dict[str, str]) -> None:
     """Refuse links that carry each other in a circle, by SceneError.
 
-    path: of the file, for the error. names: of all links. parent_of: link -> the link that carries
-    it; a root link is not in it.
+    path: of the file, for the error.
+    names: of all links.
+    parent_of: link -> the link that carries it; a root link is not in it.
     """
     # Links from which the way to the root is known.
     reach_root: set[str] = set()
@@ -174,8 +179,9 @@ def _numbers(text: str | None) -> list[float]:
 def _check_size(slot: str, attribute: str, text: str | None, count: int) -> None:
     """Refuse a size of a shape that is not `count` numbers above 0, m.
 
-    slot: the shape, for errors. attribute: name of the size. text: its value in the file; None
-    where it is missing.
+    slot: the shape, for errors.
+    attribute: name of the size.
+    text: its value in the file; None where it is missing.
     Raises SceneError, and QuantityError for numbers outside the bounds of a length.
     """
     numbers = _numbers(text)
@@ -193,7 +199,8 @@ def _check_size(slot: str, attribute: str, text: str | None, count: int) -> None
 def _check_scale(slot: str, text: str) -> None:
     """Refuse a scale of a mesh that leaves it without a volume, by SceneError.
 
-    slot: the mesh, for the error. text: 1 number, or 3; a negative one mirrors the mesh.
+    slot: the mesh, for the error.
+    text: 1 number, or 3; a negative one mirrors the mesh.
     """
     numbers = _numbers(text)
     if len(numbers) not in (1, 3) or not all(
@@ -213,7 +220,8 @@ def check_ball(path: Path, scene: Scene) -> None:
 
     A file without a mass passes: the scene's mass is set when it is loaded.
 
-    path: of the URDF. Raises SceneError, also for a file that cannot be read.
+    path: of the URDF.
+    Raises SceneError, also for a file that cannot be read.
     """
     root = _parse(path)
     for element in root.findall("link/inertial/mass"):
@@ -238,7 +246,8 @@ def check_ball(path: Path, scene: Scene) -> None:
 def check_plate(path: Path) -> None:
     """Refuse a plate's URDF without a mass of 0: Bullet would let the plate move.
 
-    path: of the URDF. Raises SceneError, also for a file that cannot be read.
+    path: of the URDF.
+    Raises SceneError, also for a file that cannot be read.
     """
     masses = _parse(path).findall("link/inertial/mass")
     expected = "0, which fixes it in Bullet"
@@ -329,9 +338,10 @@ def _check_number(
 ) -> None:
     """Raise SceneError for a value in a file that is missing, not a number, or not a good one.
 
-    path, name: the file and the value's name, for the error. text: the value; None where it is
-    missing. expected: a good value in words, for the error. is_good: called with the number, NaN
-    for any other text; returns whether it passes.
+    path, name: the file and the value's name, for the error.
+    text: the value; None where it is missing.
+    expected: a good value in words, for the error.
+    is_good: called with the number, NaN for any other text; returns whether it passes.
     """
     try:
         value = float(text or "")
@@ -423,7 +433,8 @@ class LoadedWorld:
 def load_files(paths: Sequence[str], packages: Packages = ()) -> LoadedWorld:
     """A new world, in a client of its own, with the files loaded as PyBullet loads them by default.
 
-    paths: URDF, SDF or MJCF files, one or more. packages: folders of the packages that URDFs name.
+    paths: URDF, SDF or MJCF files, one or more.
+    packages: folders of the packages that URDFs name.
     Raises SceneError for a file that is not there or does not load, QuantityError for a size
     outside the bounds, EngineFailed where PyBullet has no room for a client. The client is then
     closed.
@@ -482,7 +493,8 @@ def _load(bullet: BulletClient, path: Path, packages: Packages) -> list[int]:
 def _require_readable(bullet: BulletClient, body: int, path: Path) -> None:
     """Refuse a robot with more joints than PyBullet reports states of, by SceneError.
 
-    body: its id. path: of its file, for the error.
+    body: its id.
+    path: of its file, for the error.
     """
     if not (count := bullet.getNumJoints(body)):
         return

@@ -53,9 +53,14 @@ class LinkMotion(NamedTuple):
 class WorldOverFloor:
     """A robot with a free base, in its pose, over the fixed bodies of its world.
 
-    robot: its body. name: of it. links: numbers. masses: kg, of the links and last the base. mass:
-    of all, kg. floors: the fixed bodies. h: time step, s. g: gravity, m/s²; up: unit vector against
-    it, (3,).
+    robot: its body.
+    name: of it.
+    links: numbers.
+    masses: kg, of the links and last the base.
+    mass: of all, kg.
+    floors: the fixed bodies.
+    h: time step, s.
+    g: gravity, m/s²; up: unit vector against it, (3,).
     Raises UserError for a world without one, without a floor, or without gravity.
     """
 
@@ -155,9 +160,11 @@ class WorldOverFloor:
     def put(self, height: float, turn: Sequence[float]) -> Floats:
         """Put the robot at rest with its lowest point at a height over the floor.
 
-        height: m. turn: quaternion x y z w by which its base is turned in the world, from its
-        present attitude. Returns the lowest point, m, (3,). Raises UserError where nothing is below
-        the robot.
+        height: m.
+        turn: quaternion x y z w by which its base is turned in the world, from its present
+        attitude.
+        Returns the lowest point, m, (3,).
+        Raises UserError where nothing is below the robot.
         """
         bullet = self.bullet
         position, attitude = bullet.getBasePositionAndOrientation(self.robot)

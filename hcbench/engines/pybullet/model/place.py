@@ -67,6 +67,7 @@ _ORIGIN = (0.0, 0.0, 0.0)
 def nearest(bullet: BulletClient, first: BodyPart, second: BodyPart) -> Any:
     """PyBullet's closest point of two parts, a tuple as getClosestPoints returns it.
 
+    first, second: the two, each a link of a body or all of it.
     Raises UserError where one has no collision geometry.
     """
     points = bullet.getClosestPoints(first.body, second.body, REACH, first.link, second.link)
@@ -108,7 +109,8 @@ def find_face(bullet: BulletClient, moving: BodyPart, other: BodyPart, size: flo
     point, a little in each direction: its nearest points then lie around the face. That moves the
     body, so callers run it in a copy, by `run_aside`.
 
-    moving: stands where it touches the other. size: of the smaller part, m.
+    moving: stands where it touches the other.
+    size: of the smaller part, m.
     """
     touching = nearest(bullet, moving, other)
     # m and unit vector, (3,) each.
@@ -258,6 +260,7 @@ def _free_base(
 ) -> FreeBase:
     """The mover that carries a body with a free base to another, as `FreeBase`.
 
+    moving, other: the two parts, that which moves first.
     way: unit vector, (3,), of its motion, on which it starts clear of the other; None: the nearest
     way from where it stands.
     """
@@ -273,6 +276,7 @@ def _free_base(
 def _chosen(bullet: BulletClient, first: BodyPart, second: BodyPart, move: str) -> BulletPlacement:
     """Bring two parts to touch by joints that the user chose.
 
+    first, second: the two parts, in either order.
     move: "joint:NAME": that joint alone moves; "body:NAME": the joint of that link, and those
     between it and the link that touches.
 
@@ -326,7 +330,9 @@ def _clear_start(
     The boxes around the two decide. Where they would pass by each other, the body is also moved
     across the way, until their centres are in line.
 
-    direction: unit vector, (3,), towards the other. position: of the base now, m, (3,).
+    moving, other: the two parts, that which moves first.
+    direction: unit vector, (3,), towards the other.
+    position: of the base now, m, (3,).
     """
     low, high = _bounds(bullet, moving)
     other_low, other_high = _bounds(bullet, other)
@@ -367,6 +373,7 @@ def swing_to_touch(
     Returns the mover that swings it there, and leaves the world at touch; None where the joints do
     not lead there, and for a robot with spherical or planar joints.
 
+    moving, other: the two parts, that which moves first.
     chosen: numbers of the joints that may move; None: all.
     Raises UserError where one of the two has no collision geometry.
     """
@@ -434,7 +441,8 @@ def _rates_towards(
 def _within_limits(joint: Any, start: float, target: float) -> float:
     """Position of a joint, brought into its limits; one that starts beyond a limit may stay there.
 
-    joint: as getJointInfo returns it. start, target: where it is and where it is to go, rad or m.
+    joint: as getJointInfo returns it.
+    start, target: where it is and where it is to go, rad or m.
     """
     low = joint[_LOWER]
     high = joint[_UPPER]
@@ -478,8 +486,11 @@ def _touch(
 ) -> BulletPlacement:
     """Move a part by its mover until the two just touch, and return where that is.
 
-    note: how the mover was chosen, "" where it was not a choice. With a note, the bodies' files all
-    stand at the origin: that they overlap there says nothing, and the result has an overlap of 0.
+    moving, other: the two parts, that which moves first.
+    mover: of the first.
+    note: how the mover was chosen, "" where it was not a choice.
+    With a note, the bodies' files all stand at the origin: that they overlap there says nothing,
+    and the result has an overlap of 0.
 
     Raises SceneError where they start deep in each other, UserError where they pass each other or
     another part is in the way, EngineFailed where PyBullet dies while it looks for a face.
@@ -536,7 +547,9 @@ def _effective_mass(
     """Effective mass of two links along a contact's normal, 1 / (J M^-1 J^T), kg, in the world's
     present pose; NaN where neither can move, or the axis of a joint is unknown.
 
-    point: of the contact, m, (3,). normal: unit vector, (3,).
+    first, second: the two links.
+    point: of the contact, m, (3,).
+    normal: unit vector, (3,).
     """
     # The two links of one body share it, as its response to both forces counts.
     bodies = {number: BulletBody(bullet, number) for number in (first.body, second.body)}

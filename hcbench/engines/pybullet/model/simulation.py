@@ -83,6 +83,8 @@ class BulletAlongPlate:
     ) -> None:
         """Find the axes of the plate; `send` then starts the motion.
 
+        place: where the pair touches, and what moves the first part.
+        launch: with slip or spin.
         along: direction of the plate's first axis, in the world; None: x, or y where that is normal
         to the plate.
         clearance: from which the body starts, m.
@@ -109,7 +111,8 @@ class BulletAlongPlate:
         It is put back by the way that it slides before it touches, so that it touches where it
         would without slip.
 
-        flight_time: from release to touch, s. Raises UserError for a body without a free base.
+        flight_time: from release to touch, s.
+        Raises UserError for a body without a free base.
         """
         bullet = self.bullet
         body = self.body
@@ -140,7 +143,8 @@ class BulletAlongPlate:
         spin, 3, rad/s; 2 zeros, for the friction that `friction` knows after the step; and the
         kinetic energy without that of the approach, J.
 
-        point: of the contact, m, (3,). rate: of approach, m/s.
+        point: of the contact, m, (3,).
+        rate: of approach, m/s.
         """
         slip = np.zeros(3)
         spin = np.zeros(3)
@@ -232,9 +236,10 @@ class LaunchInUserWorld(Simulation):
     ) -> None:
         """Put the moving body where the launch begins, at the launch's speed, slip and spin.
 
-        place: where the pair touches, and the mover. gravity: along the normal, into the other
-        body, m/s². along: in the world, the plate's first axis of oblique launches; None: along x
-        or y. law: number of the plug-in's law between the two; None without one.
+        place: where the pair touches, and the mover.
+        gravity: along the normal, into the other body, m/s².
+        along: in the world, the plate's first axis of oblique launches; None: along x or y.
+        law: number of the plug-in's law between the two; None without one.
         Raises UserError for an oblique launch of a body without a free base.
         """
         self.bullet = bullet
@@ -274,7 +279,8 @@ class LaunchInUserWorld(Simulation):
         while len(rows) < steps and is_finite:
             row = self._step()
             rows.append(row)
-            is_finite = math.isfinite(row[1])
+            _, rate, *_ = row
+            is_finite = math.isfinite(rate)
         # (quantities, 1 launch, steps).
         seen = np.array(rows).T[:, None]
         x, v, f = seen[:3]
@@ -335,7 +341,9 @@ class LaunchInUserWorld(Simulation):
         contact may begin and end within a step, and reports nothing: the mean force then, by the
         change of the speed.
 
-        force: reported, N. before, after: approach rates, m/s. x: penetration before the step, m.
+        force: reported, N.
+        before, after: approach rates, m/s.
+        x: penetration before the step, m.
         """
         mass = self.place.effective_mass
         if not math.isfinite(mass):

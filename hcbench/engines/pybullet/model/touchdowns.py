@@ -50,15 +50,14 @@ _PLACE, _BASE_Q, _BASE_V = 3, 7, 6
 # A quaternion shorter than this is none.
 _LEAST_QUATERNION = 1e-6
 
-# Two links that meet: numbers of body and link, of the one that moves first.
-_Links = tuple[int, int, int, int]
-
 
 @dataclass(frozen=True, slots=True)
 class _Moving:
     """A body that moves, in the order of PyBullet's numbers.
 
-    body: its id. is_free: its base moves. joints: numbers of its hinges and slides.
+    body: its id.
+    is_free: its base moves.
+    joints: numbers of its hinges and slides.
     """
 
     body: int
@@ -75,7 +74,8 @@ class _Moving:
         """Put the body into a state.
 
         qpos: its own positions: of a free base x y z, m, and a quaternion x y z w, then one of each
-        joint, rad or m. qvel: of a free base velocity, m/s, and spin, rad/s, then of each joint.
+        joint, rad or m.
+        qvel: of a free base velocity, m/s, and spin, rad/s, then of each joint.
         """
         if self.is_free:
             bullet.resetBasePositionAndOrientation(
@@ -90,8 +90,21 @@ class _Moving:
             bullet.resetJointState(self.body, joint, position, velocity)
 
 
+class _Links(NamedTuple):
+    """Two links that meet, the moving one first: (PyBullet's id of the body, number of the link)
+    of each; the base is link -1.
+    """
+
+    moving: tuple[int, int]
+    other: tuple[int, int]
+
+
 class _TouchingLinks(NamedTuple):
-    """A contact of two links: point, m, and unit normal on the first one, (3,) each."""
+    """A contact of two links in the world's frame.
+
+    point: on the moving one, m, (3,).
+    normal: unit vector, (3,), on the other one, towards the moving one.
+    """
 
     links: _Links
     point: Floats
@@ -101,16 +114,18 @@ class _TouchingLinks(NamedTuple):
 class _Recording:
     """The bodies of a world that move, and the states of a recorded motion of them.
 
-    moving: the bodies, in PyBullet's order. motion: the recorded states.
+    moving: the bodies, in PyBullet's order.
+    motion: the recorded states.
     """
 
     def __init__(self, bullet: BulletClient, recorded: Mapping[str, Floats]) -> None:
         """Read a recording of the bodies that move in a world.
 
         recorded: "qpos" and "qvel", (states, numbers of all moving bodies); "time", s, (states,),
-        where it is known. Raises UserError for a ball joint or a planar one, for arrays of other
-        shapes, for numbers that are not finite and for a time that does not rise; QuantityError for
-        a quaternion of length 0.
+        where it is known.
+        Raises UserError for a ball joint or a planar one, for arrays of other shapes, for numbers
+        that are not finite and for a time that does not rise; QuantityError for a quaternion of
+        length 0.
         """
         self.bullet = bullet
         self.moving = list(_moving_bodies(bullet))
@@ -224,6 +239,7 @@ def _contacts(
 ) -> Iterator[_TouchingLinks]:
     """Contacts of a pair in the present state of the world.
 
+    recording: has the bodies that move, and their client.
     pair: the two that count; None: each link that moves, with each body that does not.
     """
     bullet = recording.bullet
@@ -239,7 +255,7 @@ def _contacts(
             one, two = contact[LINK_A], contact[LINK_B]
             is_asked = first.link in (ANY_LINK, one) and second.link in (ANY_LINK, two)
             if is_asked and contact[DISTANCE] <= _TOUCHING:
-                links = (first.body, one, second.body, two)
+                links = _Links((first.body, one), (second.body, two))
                 yield _TouchingLinks(links, np.array(contact[POINT_A]), np.array(contact[NORMAL]))
 
 
@@ -251,7 +267,7 @@ def _closing_speeds(bullet: BulletClient, contact: _TouchingLinks) -> tuple[floa
     """Speeds of two links at the point of their contact in the world's present state, m/s: at which
     they close in, and at which they slide on each other.
     """
-    body, link, other, other_link = contact.links
+    (body, link), (other, other_link) = contact.links
     point = contact.point.tolist()
     velocity = np.array(BulletBody(bullet, body).velocity_at(link, point))
     velocity -= BulletBody(bullet, other).velocity_at(other_link, point)
@@ -261,26 +277,28 @@ def _closing_speeds(bullet: BulletClient, contact: _TouchingLinks) -> tuple[floa
 
 
 def _foot(world: LoadedWorld, links: _Links, events: list[Touchdown]) -> Touchdowns:
-    """Touchdowns of two links with the setting that makes them bounce, and the band of speeds, m/s,
-    in which it holds.
+    """Describe the touchdowns of two links: their names, times, s, speeds, m/s, the setting that
+    makes them bounce, and the band of speeds, m/s, in which it holds, None where that is unknown.
 
+    links: in the world.
     events: their touchdowns, one or more, in the order of time.
     """
     bullet = world.bullet
-    sides = (BodyPart("", *links[:2]), BodyPart("", *links[2:]))
+    sides = (BodyPart("", *links.moving), BodyPart("", *links.other))
     promise = promise_in(bullet, sides)
-    law = None if world.files else plugin.find(links[:2], links[2:], client=bullet.client)
+    law = None if world.files else plugin.find(links.moving, links.other, client=bullet.client)
     band = None
     if law is not None:
         band = ANY_SPEED
-        setting = f"plug-in hcbench: {law[1]}"
+        setting = f"plug-in hcbench: {law.command}"
     elif promise is not None:
         band = promise.speeds
         setting = f"{promise.setting} by hcbench: {promise.curve.description}"
     else:
         values = [bullet.getDynamicsInfo(side.body, side.link)[RESTITUTION] for side in sides]
-        setting = f"restitution {values[0]:g} x {values[1]:g}"
+        first, second = values
+        setting = f"restitution {first:g} x {second:g}"
     time, speed, slide = np.array(events).T
-    part = world.name_of(sides[0].body, sides[0].link)
-    other = world.name_of(sides[1].body, sides[1].link)
+    part = world.name_of(*links.moving)
+    other = world.name_of(*links.other)
     return Touchdowns(part, other, time, speed, slide, band, setting)

@@ -115,8 +115,9 @@ def require_plausible(bullet: BulletClient, place: BulletPlacement) -> None:
     """Refuse a world whose time step, s, or gravity, m/s², is outside the bounds, or whose pair has
     numbers that no bouncing body has.
 
-    place: of the pair. Raises SceneError for a mass, friction, restitution or inertia below 0 or
-    NaN, QuantityError for numbers outside the bounds.
+    place: of the pair.
+    Raises SceneError for a mass, friction, restitution or inertia below 0 or NaN, QuantityError for
+    numbers outside the bounds.
     """
     parameters = bullet.getPhysicsEngineParameters()
     require_bounds("timestep", [parameters["fixedTimeStep"]], "timestep", "s")
@@ -163,15 +164,16 @@ class _Placed(NamedTuple):
     """The pair of a world at touch.
 
     place: where they touch, and what moves them there.
-    law: number of the plug-in's law between the two and the command that added it, or None.
+    law: of the plug-in's between the two; None without one.
     is_put_back_whole: whether one copy of the world can have all launches, one after the other,
     with the same results to the bit as a copy for each.
     promise: of `hcbench tune` for the pair; None without one.
-    timestep: s. gravity: along the normal, into the other body, m/s²; 0 where both fall.
+    timestep: s.
+    gravity: along the normal, into the other body, m/s²; 0 where both fall.
     """
 
     place: BulletPlacement
-    law: tuple[int, str] | None
+    law: plugin.ActiveLaw | None
     is_put_back_whole: bool
     promise: Promise | None
     timestep: float
@@ -201,9 +203,11 @@ class PybulletModel(ModelUnderTest):
     ) -> None:
         """Apply the request and the fixes, and bring the pair to touch.
 
-        world: loaded. build: makes it again; None for a live client. fixes: suspects, made before
-        the pair is placed. Raises UserError and its kinds where the pair cannot be measured; a live
-        client then gets back what it had.
+        world: loaded.
+        build: makes it again; None for a live client.
+        fixes: suspects, made before the pair is placed.
+        Raises UserError and its kinds where the pair cannot be measured; a live client then gets
+        back what it had.
         """
         self.world = world
         self.request = request
@@ -258,7 +262,10 @@ class PybulletModel(ModelUnderTest):
         )
 
     def _take(self, placed: _Placed) -> None:
-        """Keep the pair at touch as attributes of the model."""
+        """Keep the pair at touch as attributes of the model.
+
+        placed: what holds for the pair, as `_placed` read it.
+        """
         self.place = placed.place
         self.law = placed.law
         self._is_put_back_whole = placed.is_put_back_whole
@@ -267,7 +274,7 @@ class PybulletModel(ModelUnderTest):
         self.gravity = placed.gravity
         self.mass = placed.place.effective_mass
 
-    def _plugin_law(self) -> tuple[int, str] | None:
+    def _plugin_law(self) -> plugin.ActiveLaw | None:
         """Number of the plug-in's law between the two, and the command that added it; None without a
         law.
         """
@@ -317,14 +324,15 @@ class PybulletModel(ModelUnderTest):
     def release(self, launches: Sequence[Launch]) -> Simulation:
         """Begin a launch from its starting point, in a copy of the world that has seen no other.
 
-        launches: one. Raises UserError for an oblique launch of a pair with the plug-in's law,
-        whose friction PyBullet does not report.
+        launches: one.
+        Raises UserError for an oblique launch of a pair with the plug-in's law, whose friction
+        PyBullet does not report.
         """
         (launch,) = launches
         # In the plug-in; None without a law.
         law_number = None
         if self.law is not None:
-            law_number, _ = self.law
+            law_number = self.law.number
             if launch.is_oblique:
                 got = (
                     "oblique, of a pair whose law the plug-in applies: "
@@ -440,9 +448,8 @@ class PybulletModel(ModelUnderTest):
         """
         speeds = self.request.speeds
         if self.law is not None:
-            _, command = self.law
-            curve = plugin.restitution_of(command)
-            words = f"plug-in hcbench: {command}"
+            curve = plugin.restitution_of(self.law.command)
+            words = f"plug-in hcbench: {self.law.command}"
             if curve is None:
                 return (), words
             return tuple(float(curve.at(v)) for v in speeds), words
@@ -461,7 +468,8 @@ class PybulletModel(ModelUnderTest):
         A plug-in's law replaces Bullet's contact: with one only settings that act beside it count.
         Suspects of a live client have no fix to try.
 
-        impacts: of the launches. wanted: e over speed; None where the user named none.
+        impacts: of the launches.
+        wanted: e over speed; None where the user named none.
         """
         changed = self._changed_since_tuned()
         context = BulletContext(
@@ -524,9 +532,10 @@ class _FixedInForks(PybulletModel):
     def __init__(self, model: PybulletModel, fixes: Sequence[Suspect]) -> None:
         """Bring the pair to touch with the fixes made, in a forked copy of this process.
 
-        model: the model under test, whose own fixes are made, too. fixes: suspects. Raises
-        UserError where the two cannot be brought to touch, SceneError and QuantityError for numbers
-        that no body has, EngineFailed where PyBullet dies.
+        model: the model under test, whose own fixes are made, too.
+        fixes: suspects.
+        Raises UserError where the two cannot be brought to touch, SceneError and QuantityError for
+        numbers that no body has, EngineFailed where PyBullet dies.
         """
         # Its world, its request and its parts.
         self.__dict__.update(model.__dict__)
@@ -606,8 +615,9 @@ def land_in(
     """Drop the robot of a world from each height, m, and tilt, rad, of a plan, each time in a forked
     copy of this process, and return the landings.
 
-    source: files, a `World`, or a client. drops: the plan. rebuild: makes the world again; None
-    where no function built it.
+    source: files, a `World`, or a client.
+    drops: the plan.
+    rebuild: makes the world again; None where no function built it.
     Raises SceneError for files that do not load, UserError where there is no robot or nothing to
     land on, EngineFailed where a velocity is no longer finite.
     """
@@ -624,9 +634,10 @@ def touchdowns_in(
 ) -> TrajectoryTouchdowns:
     """Find the touchdowns in a recorded motion of a world, which stays as it is.
 
-    source: files, a `World`, or a client. request: its pair counts; without one, each link that
-    moves on each body that does not. recorded: "qpos" and "qvel", (states, numbers of all bodies
-    that move), in PyBullet's order, and "time", s, (states,), where it is known.
+    source: files, a `World`, or a client.
+    request: its pair counts; without one, each link that moves on each body that does not.
+    recorded: "qpos" and "qvel", (states, numbers of all bodies that move), in PyBullet's order, and
+    "time", s, (states,), where it is known.
     Raises SceneError for files that do not load, UserError for a recording that does not fit the
     world or has numbers that are not finite, and for a pair that the world does not have;
     QuantityError for a quaternion of length 0.
@@ -649,8 +660,9 @@ def loaded(
 ) -> tuple[LoadedWorld, Callable[[], LoadedWorld] | None]:
     """Load or take up a world; returns it and a function that makes it again, None for a live client.
 
-    source: one path or several, a `World`, a client or its id. rebuild: makes the `World` or client
-    again; None where no function built it. packages: folders of the packages that URDFs name.
+    source: one path or several, a `World`, a client or its id.
+    rebuild: makes the `World` or client again; None where no function built it.
+    packages: folders of the packages that URDFs name.
     Raises SceneError for files that do not load, UserError for another source.
     """
     if isinstance(source, str | list | tuple) or hasattr(source, "__fspath__"):
@@ -683,9 +695,10 @@ def model_settings(
     is left out where the world needs none, or where it would reach the launches. The second has
     none.
 
-    source: files, a `World`, or a client. rebuild: makes it again; None where no function built it.
-    requests: of the pairs, one or more, which differ in the pair alone. goal: e over speed; the
-    constant nearest to it over the requests' speeds, m/s, is set.
+    source: files, a `World`, or a client.
+    rebuild: makes it again; None where no function built it.
+    requests: of the pairs, one or more, which differ in the pair alone.
+    goal: e over speed; the constant nearest to it over the requests' speeds, m/s, is set.
     Raises UserError for a live client and for a part that is the first of one pair and the second
     of another; SceneError for files that do not load; also what opening a pair raises.
     """
@@ -751,7 +764,9 @@ def _restitution(
     """The setting that gives all pairs one restitution, as lines of a script and as a world to open.
 
     places: of the pairs, at touch, each with the settings that switch springs of its two parts off.
-    e: of each pair. still: speed below which nothing bounces, m/s; 0: none. build: makes the world.
+    e: of each pair.
+    still: speed below which nothing bounces, m/s; 0: none.
+    build: makes the world.
     more: notes for the user on this setting.
     """
     suspects = [restitution_setting(place, springless, e, still) for place, springless in places]

@@ -17,7 +17,7 @@ import functools
 import struct
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -165,8 +165,9 @@ def add(
 def _reduced_mass(bullet: BulletClient, sides: Iterable[tuple[int, int]]) -> float:
     """Reduced mass 1/(1/m1 + 1/m2) of a pair, kg, of which at least one can move.
 
-    sides: (body, link) of the two. The link -2, which stands for any, counts as the base, and
-    where that is fixed as the lightest link that moves.
+    sides: (body, link) of the two.
+    The link -2, which stands for any, counts as the base, and where that is fixed as the lightest
+    link that moves.
     """
     # Sum of 1/m, 1/kg. A body that cannot move has a mass of 0 in Bullet.
     mobility = 0.0
@@ -186,7 +187,8 @@ def _reduced_mass(bullet: BulletClient, sides: Iterable[tuple[int, int]]) -> flo
 def remove(number: int, *, client: int = 0) -> None:
     """End a law; Bullet's own contact of its pair acts again.
 
-    number: of the law, as `add` returned it. Raises SettingError if the client has no such law.
+    number: of the law, as `add` returned it.
+    Raises SettingError if the client has no such law.
     """
     if BulletClient(client).executePluginCommand(load(client), "remove", [number]) < 0:
         raise SettingError(
@@ -198,7 +200,8 @@ def remove(number: int, *, client: int = 0) -> None:
 def force(number: int, *, client: int = 0) -> float:
     """The normal force of a law in the last (sub)step, N, of all its contacts together.
 
-    number: of the law, as `add` returned it. Raises SettingError for one that the client has not.
+    number: of the law, as `add` returned it.
+    Raises SettingError for one that the client has not.
     """
     # The 8 bytes of a double in answer[2]; an integer below 0 for an unknown law.
     answer = BulletClient(client).executePluginCommand(load(client), "force", [number])
@@ -230,7 +233,8 @@ class Recorder:
         """Take `steps` steps, and return position, m, velocity, m/s, and angular velocity, rad/s, of
         bodies after each, (steps, bodies, 3 quantities, 3).
 
-        bodies: their ids. Raises EngineFailed where a body is gone.
+        bodies: their ids.
+        Raises EngineFailed where a body is gone.
         """
         ids = np.array(bodies, dtype=np.intc)
         seen = np.empty((steps, len(bodies), 3, 3))
@@ -249,11 +253,15 @@ def recorder(bullet: BulletClient) -> Recorder | None:
         return None
 
 
-def find(
-    first: tuple[int, int], second: tuple[int, int], *, client: int = 0
-) -> tuple[int, str] | None:
-    """Number of the plug-in's law between two parts of a client, and the command that added it; None
-    without a law.
+class ActiveLaw(NamedTuple):
+    """A law of the plug-in that acts in a client: its number there, and the command that added it."""
+
+    number: int
+    command: str
+
+
+def find(first: tuple[int, int], second: tuple[int, int], *, client: int = 0) -> ActiveLaw | None:
+    """Find the plug-in's law between two parts of a client; None without one.
 
     first, second: (body, link) each.
     """
@@ -267,7 +275,7 @@ def find(
     # it in the third, with a 0 at its end.
     if isinstance(answer, int):
         return None
-    return int(answer[0]), bytes(answer[2][:-1]).decode()
+    return ActiveLaw(int(answer[0]), bytes(answer[2][:-1]).decode())
 
 
 def restitution_of(command: str) -> RestitutionCurve | None:

@@ -134,8 +134,10 @@ def _check(keywords: Mapping[str, Any], part: str, types: Mapping[str, type], ca
     """Raise SettingError for the first keyword that a function of PyBullet does not take, or would
     ignore, and for contactStiffness or contactDamping without the other.
 
-    keywords: of a setting's table. part: name of the table, "world", "ball" or "plate". types:
-    keywords that the function takes, with the type of each. call: name of the function.
+    keywords: of a setting's table.
+    part: name of the table, "world", "ball" or "plate".
+    types: keywords that the function takes, with the type of each.
+    call: name of the function.
     """
     for key, value in keywords.items():
         slot = f"pybullet option '{part}.{key}'"
@@ -224,8 +226,9 @@ _LINK = re.compile(r"(?P<body>.+):(?P<link>-1|\d+)")
 def part_in_script(name: str) -> tuple[str, int]:
     """Variable of the body, and number of the link, that a name means in a script of the user's.
 
-    name: a variable, a body's number, or the path of the body's file, which makes a variable of
-    its stem; each may go on with ":" and a link's number. The base is link -1.
+    name: a variable, a body's number, or the path of the body's file, which makes a variable of its
+    stem; each may go on with ":" and a link's number.
+    The base is link -1.
     """
     link = -1
     found = _LINK.fullmatch(name)
@@ -248,7 +251,8 @@ def snippet(setting: Setting, form: str = "plane", pair: Pair = PAIR) -> str:
     """Return the lines to paste into a script with a PyBullet world, after its other settings; for a
     setting that sets none of Bullet's, its options as text.
 
-    form: "plane" or "cup". pair: of ball and plate, as `part_in_script` takes them.
+    form: "plane" or "cup".
+    pair: of ball and plate, as `part_in_script` takes them.
     """
     if not {"world", "ball", "plate", "law", "links"} & set(setting.options):
         return setting.options_text

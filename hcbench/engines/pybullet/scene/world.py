@@ -88,8 +88,9 @@ def tangential_rows(scene: Scene, timestep: float, motion: Floats, deeper: Float
     """Motion of b balls along the plate in each of n steps, (8, b, n): slip, 2 numbers, m/s; spin, 3,
     rad/s; friction, 2, N; and the kinetic energy without the approach's, J.
 
-    timestep: s. motion: velocity, m/s, and spin, rad/s, before all steps and after each,
-    (n + 1, b, 2, 3). deeper: unit vectors into the plate, (..., 3).
+    timestep: s.
+    motion: velocity, m/s, and spin, rad/s, before all steps and after each, (n + 1, b, 2, 3).
+    deeper: unit vectors into the plate, (..., 3).
     """
     velocity = motion[:-1, :, 0]
     spin = motion[:-1, :, 1]
@@ -103,8 +104,9 @@ def force_from_momentum(scene: Scene, timestep: float, velocity: Floats, deeper:
     """Normal force on b balls in each of n steps, N, (n, b), from what it did to their momentum;
     exactly 0 where the contact did not act.
 
-    timestep: s. velocity: before all steps and after each, m/s, (n + 1, b, 3). deeper: unit vectors
-    into the plate, (3,) or (n, b, 3).
+    timestep: s.
+    velocity: before all steps and after each, m/s, (n + 1, b, 3).
+    deeper: unit vectors into the plate, (3,) or (n, b, 3).
     """
     # Speed that gravity adds in a step, m/s.
     fall = scene.gravity * timestep
@@ -156,7 +158,8 @@ class PybulletWorld(World):
     ) -> None:
         """Set up the world in this process, a worker of hcbench.
 
-        timestep: s. fastest: speed of impacts, m/s, up to which a force law must be resolved.
+        timestep: s.
+        fastest: speed of impacts, m/s, up to which a force law must be resolved.
         Raises SceneError where the scene's URDFs are missing or not as it says, SettingError for
         links in a cup or a law that the step does not resolve, EngineFailed where PyBullet fails.
         """
@@ -234,7 +237,8 @@ class PybulletWorld(World):
     def _add_law(self, ball: int) -> None:
         """Let the setting's law, if it has one, act between a ball and the plate.
 
-        ball: its id. Raises SettingError for a force law that the step does not resolve.
+        ball: its id.
+        Raises SettingError for a force law that the step does not resolve.
         """
         law = self.options.law
         if law is None:
@@ -402,8 +406,9 @@ def _set_up(
 ) -> tuple[int, int]:
     """Empty a client's world, load ball and plate, set the options, and return the ids of the two.
 
-    timestep: s. Raises SceneError where the URDFs are missing or not as the scene says,
-    SettingError for links in a cup.
+    timestep: s.
+    Raises SceneError where the URDFs are missing or not as the scene says, SettingError for links
+    in a cup.
     """
     bullet.resetSimulation()
     bullet.setPhysicsEngineParameter(
@@ -429,7 +434,8 @@ def _make_ready(bullet: BulletClient, scene: Scene, options: PybulletOptions, ba
     """Give a ball the scene's mass, kg, friction, and with friction its inertia, kg m², then the
     setting's keywords of changeDynamics, which go before.
 
-    options: of the setting. ball: its id; of one with links, all links are changed.
+    options: of the setting.
+    ball: its id; of one with links, all links are changed.
     """
     # With friction the ball turns, and its inertia is not what Bullet makes of the sphere.
     if scene.friction:

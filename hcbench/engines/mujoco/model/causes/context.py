@@ -179,7 +179,8 @@ def _as_written(model: Any, geoms: tuple[int, int]) -> tuple[tuple[float, ...], 
 def _first_set(values: Floats, default: tuple[float, ...]) -> tuple[float, ...]:
     """The value of the first row that is not MuJoCo's default; the default where all rows have it.
 
-    values: (rows, k). default: k numbers.
+    values: (rows, k).
+    default: k numbers.
     """
     for value in values:
         if not same(value, default):

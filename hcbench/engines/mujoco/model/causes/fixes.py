@@ -21,9 +21,11 @@ _LEAST_E = 0.01
 def solref_of(e: float, timestep: float, integrator: str) -> tuple[float, float]:
     """solref, in the direct format, that has the restitution e with STIFF_SOLIMP.
 
-    timestep: s. integrator: as XML spells it. A bounce in one step where the integrator allows it:
-    without a spring, "0 -(1 + e)/h". Under RK4 and discrete a spring and damper of a few steps,
-    "-stiffness -damping" (1/s², 1/s), with an e of 0.01 at least.
+    timestep: s.
+    integrator: as XML spells it.
+    A bounce in one step where the integrator allows it: without a spring, "0 -(1 + e)/h". Under RK4
+    and discrete a spring and damper of a few steps, "-stiffness -damping" (1/s², 1/s), with an e of
+    0.01 at least.
     """
     if integrator in ("RK4", "discrete"):
         law = matched(
