@@ -135,7 +135,8 @@ class _Gathering:
     def __init__(self, key: Key, study: Mapping[str, Any]) -> None:
         """Begin without impacts, for one setting, step and α.
 
-        key: these, values of RUN_KEY. study: as plain values, with defaults filled in, SI.
+        key: these, values of RUN_KEY.
+        study: as plain values, with defaults filled in, SI.
         """
         self._key = key
         self.alpha = float(key[RUN_KEY.index("alpha_s_per_m")])
@@ -152,7 +153,8 @@ class _Gathering:
     def add(self, columns: _Columns, loops: Mapping[_Launched, Loop]) -> None:
         """Add the impacts of a shard, in the order of their launches, and the loops of some.
 
-        columns: arrays of shape (n,), SI. loops: by launch speed, m/s, and phase.
+        columns: arrays of shape (n,), SI.
+        loops: by launch speed, m/s, and phase.
         Impacts wait until there are _PIECE of them, as folding few costs as much as many; those of
         the last place of the curve wait for the next shard, which may have more of them.
         """
@@ -176,7 +178,8 @@ class _Gathering:
     def _looped(self, columns: _Columns, loops: Mapping[_Launched, Loop]) -> Iterator[Impact]:
         """Impacts of the study's loop speeds along the normal, with their loops.
 
-        columns: arrays of shape (n,), SI. loops: by launch speed, m/s, and phase.
+        columns: arrays of shape (n,), SI.
+        loops: by launch speed, m/s, and phase.
         """
         speeds = columns["speed_m_per_s"]
         phases = columns["phase"]
@@ -268,8 +271,8 @@ def is_sweep(folder: str | Path) -> bool:
 def read(folder: str | Path, mapper: Callable[..., Iterable[Any]] = map) -> Results:
     """The results of a finished sweep: for studies of a size that a page can show.
 
-    folder: a path, or an URL that fsspec opens. mapper: scores settings, as `map` does; that of a
-    pool scores them side by side.
+    folder: a path, or an URL that fsspec opens.
+    mapper: scores settings, as `map` does; that of a pool scores them side by side.
     Raises UserError for a folder that holds no sweep, one that is not finished, or a part that is
     damaged; OutputError for one that cannot be read.
     """
@@ -279,9 +282,9 @@ def read(folder: str | Path, mapper: Callable[..., Iterable[Any]] = map) -> Resu
 def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Results:
     """Read a store in as much memory as its page takes: rows are read when they are asked for.
 
-    mapper: scores settings, as `map` does; that of a pool scores them side by side. Raises
-    UserError for a folder that holds no sweep, one that is not finished, or a part that is damaged;
-    OutputError for one that cannot be read.
+    mapper: scores settings, as `map` does; that of a pool scores them side by side.
+    Raises UserError for a folder that holds no sweep, one that is not finished, or a part that is
+    damaged; OutputError for one that cannot be read.
     """
     # Imported here: a sweep itself needs no pandas.
     import pandas as pd
@@ -375,7 +378,10 @@ class _StoredRows:
             yield _rounded(frame_of(pieces))
 
     def _decoded(self, shard: tuple[int, str]) -> tuple[dict[str, Any], dict[Key, slice]]:
-        """Columns of a shard, by name, and the rows of each key in them; shard: number and name."""
+        """Columns of a shard, by name, and the rows of each key in them.
+
+        shard: number and name.
+        """
         content, _ = self.store.tables(*shard)
         return columns_in(content), places_of(content)
 

@@ -179,9 +179,10 @@ def restitution(each: Json, states: States) -> float:
 def _launch_velocity(stated: float, first: float, gain: float) -> float:
     """Velocity at step 0, m/s, of the parabola that an engine's steps follow.
 
-    stated: velocity that the engine was given. first: mean velocity in its first step. gain:
-    velocity of gravity in a step, below 0. That step has none of gravity's share (explicit Euler),
-    half (exact flight), or all (semi-implicit Euler).
+    stated: velocity that the engine was given.
+    first: mean velocity in its first step.
+    gain: velocity of gravity in a step, below 0. That step has none of gravity's share (explicit
+    Euler), half (exact flight), or all (semi-implicit Euler).
     """
     share = min((0.0, 0.5, 1.0), key=lambda x: abs(first - stated - x * gain))
     return stated + (share - 0.5) * gain
@@ -190,8 +191,9 @@ def _launch_velocity(stated: float, first: float, gain: float) -> float:
 def _free_rise(z: dict[int, float], fall: float, touch: float) -> list[int]:
     """Steps of a ball's first rise without contact, in order; none if it rests or hovers.
 
-    z: {step: height}, m. fall: second difference of the height in free flight, m, 0 without
-    gravity, where only steps above the height of the touch, m, are free.
+    z: {step: height}, m.
+    fall: second difference of the height in free flight, m, 0 without gravity, where only steps
+    above the height of the touch, m, are free.
     """
     free: list[int] = []
     is_up = False
@@ -315,8 +317,8 @@ def _judge(case: Json, done: list[Json], combine: Any) -> Json:
     """The verdict on a case, a record as `judge` returns: by the run with the largest error of each
     quantity.
 
-    done: results of the case's runs, in order, as `_run_case` makes them. combine: name of the
-    engine's rule for two restitutions, None without one.
+    done: results of the case's runs, in order, as `_run_case` makes them.
+    combine: name of the engine's rule for two restitutions, None without one.
     """
     worst: Json = {}  # [measured, true, run] of the largest error, by quantity
     off: Json = {}  # that error
@@ -355,7 +357,8 @@ def _is_finite(states: States) -> bool:
 def _compared(each: Json, states: States, combine: Any) -> Any:
     """(name, measured, true) of each number that a run expects, three of a vector.
 
-    combine: as of `_judge`. Raises NotImplementedError for a run with two materials without a rule.
+    combine: as of `_judge`.
+    Raises NotImplementedError for a run with two materials without a rule.
     """
     materials = each["world"].get("materials")
     if materials and combine is None:
@@ -388,7 +391,8 @@ def outcome(verdict: Json, expected: Json) -> tuple[str, str]:
 def junit(verdicts: list[Json], engine: str, expected: Json) -> str:
     """The verdicts of `judge` on one engine as JUnit's XML, a test case each.
 
-    engine: its name. expected: its known failures, {case: reason}.
+    engine: its name.
+    expected: its known failures, {case: reason}.
     """
     root = ET.Element("testsuite", name=f"hcbench-cases {engine}", tests=str(len(verdicts)))
     kinds = []
@@ -415,8 +419,9 @@ def run_apart(
     """Results of an engine in a process of its own, up to the first case that ends it.
 
     That case, or one of more than `limit` s, has errors; those after it are left out.
-    The version is "" where no engine could be made. variant: place of the engine in the adapter's
-    ENGINES. start: runs Python with arguments, and returns its exit code and messages.
+    The version is "" where no engine could be made.
+    variant: place of the engine in the adapter's ENGINES.
+    start: runs Python with arguments, and returns its exit code and messages.
     """
     with tempfile.TemporaryDirectory() as folder:
         lines = Path(folder) / "lines"
@@ -469,7 +474,8 @@ def _work(asked: Any, cases: Json) -> int:
 def _run_every(asked: Any, cases: Json, known: Json) -> int:
     """Run each case of each engine in a process; write the files that were asked for after each.
 
-    known: expected failures, {engine: {case: reason}}. Returns the exit code, see `main`.
+    known: expected failures, {engine: {case: reason}}.
+    Returns the exit code, see `main`.
     """
     failures = 0
     made = 0  # cases for which there was an engine

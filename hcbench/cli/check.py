@@ -56,9 +56,11 @@ def _spec(
     """The check that the options describe; the worker process of its engine is started, so that it
     imports the engine meanwhile.
 
-    models: files as typed. python: "FILE:FUNCTION" in their place. options: others, by the names of
-    `CheckOptions`. required: whether a model or a function must be given. Raises UserError for
-    both, for neither if required, and for options without meaning.
+    models: files as typed.
+    python: "FILE:FUNCTION" in their place.
+    options: others, by the names of `CheckOptions`.
+    required: whether a model or a function must be given.
+    Raises UserError for both, for neither if required, and for options without meaning.
     """
     from hcbench.checking.spec import CheckSpec
     from hcbench.measuring.measure import begin_measuring
@@ -161,8 +163,9 @@ def _next_line(
     """The command to type next: `tune` where the target is missed, else `check`.
 
     It repeats the options of the launches, as far as the command has them: a baseline of another
-    step or pose is another gate. models, python: as they were typed. options: of `check`, by their
-    names.
+    step or pose is another gate.
+    models, python: as they were typed.
+    options: of `check`, by their names.
     """
     from hcbench.cli.tune import tune
     from hcbench.measuring.measurement import TOLERANCE
@@ -203,9 +206,10 @@ def _next_line(
 def _measure_trajectory(job: Job, trajectory: Path, limit: float | None, as_json: bool) -> None:
     """Read the touchdowns of a recorded motion, a file, and print them.
 
-    job: its model, engine and pair. limit: s, after which the worker counts as hung. Raises
-    UserError for other arrays, for an engine that reads no recordings and for a model that cannot
-    be opened; EngineFailed where the worker died or hung.
+    job: its model, engine and pair.
+    limit: s, after which the worker counts as hung.
+    Raises UserError for other arrays, for an engine that reads no recordings and for a model that
+    cannot be opened; EngineFailed where the worker died or hung.
     """
     from hcbench.measuring.landing import touchdowns_job, touchdowns_record, touchdowns_text
 
@@ -222,8 +226,10 @@ def _list_pairs(
 ) -> None:
     """Print which parts of a model can meet, and the command that measures the first.
 
-    job: its model, engine and pose. limit: s, after which the worker counts as hung. models,
-    python: as they were typed. Raises UserError for a model that cannot be opened, and EngineFailed.
+    job: its model, engine and pose.
+    limit: s, after which the worker counts as hung. models,
+    python: as they were typed.
+    Raises UserError for a model that cannot be opened, and EngineFailed.
     """
     from hcbench.measuring.measure import list_pairs
     from hcbench.sim.model_under_test import as_records, as_table
@@ -264,8 +270,8 @@ def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
     """Measure and print every pair that touches at the start; pairs that cannot be measured are
     reported and skipped.
 
-    limit: s, after which a worker counts as hung. Raises UserError where nothing touches, and
-    EngineFailed.
+    limit: s, after which a worker counts as hung.
+    Raises UserError where nothing touches, and EngineFailed.
     """
     from hcbench.measuring.measure import list_pairs, measure_job
     from hcbench.measuring.text import as_record, as_text

@@ -91,10 +91,12 @@ def _report_own(
     folder.
 
     paths: files of poses.
-    size, inertia: of the box, three numbers each, as typed. mass: kg. model: a file with the box in
-    place of these; without it size and mass are needed.
-    identify: whether to search the parameters of the settings on these poses. out: folder of the
-    report; None: reports/ and the name of the first file. jobs: worker processes.
+    size, inertia: of the box, three numbers each, as typed.
+    mass: kg.
+    model: a file with the box in place of these; without it size and mass are needed.
+    identify: whether to search the parameters of the settings on these poses.
+    out: folder of the report; None: reports/ and the name of the first file.
+    jobs: worker processes.
     Raises UserError for missing numbers and for files that cannot be read.
     """
     from hcbench.workers import WorkerPool
@@ -139,11 +141,17 @@ def report_reality(
     """Run the study of measured impacts and write its page; return the page's path. Of a user's own
     poses: print and write what they tell, and return the folder.
 
-    out: folder; None for the default. jobs: worker processes. sets: names of data sets, with
-    commas. data: folder of one set. part: number of the part, of five, to judge. poses: files of a
-    user's own box. size, inertia: of that box, as typed. mass: its, kg. model: a file with it in
-    place of these. identify: search parameters on the data, too. Raises UserError for options that
-    do not go together, and what the study raises.
+    out: folder; None for the default.
+    jobs: worker processes.
+    sets: names of data sets, with commas.
+    data: folder of one set.
+    part: number of the part, of five, to judge.
+    poses: files of a user's own box.
+    size, inertia: of that box, as typed.
+    mass: its, kg.
+    model: a file with it in place of these.
+    identify: search parameters on the data, too.
+    Raises UserError for options that do not go together, and what the study raises.
     """
     from hcbench.workers import WorkerPool
 
@@ -179,8 +187,8 @@ def _request(
 ) -> RealityRequest:
     """The request: data sets with their folders.
 
-    A set whose data are missing is left out with a line to stderr. Raises UserError where it was asked
-    for by name, and for the held-out part without its data.
+    A set whose data are missing is left out with a line to stderr.
+    Raises UserError where it was asked for by name, and for the held-out part without its data.
     """
     from hcbench.reality import data_sets
     from hcbench.reality.data_sets import SETS, require_sets

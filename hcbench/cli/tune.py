@@ -73,9 +73,11 @@ def tune_engine(
 ) -> None:
     """Tune an engine, print the answer, and write a script with its setting.
 
-    alpha: α and its standard uncertainty, s/m. kind: of the answer that --plugin, --settings or
-    --constant ask for. scene: its name or folder. max_error: limit of the error of e, None for the
-    default. asked: other arguments of `tuning.ask.tune`.
+    alpha: α and its standard uncertainty, s/m.
+    kind: of the answer that --plugin, --settings or --constant ask for.
+    scene: its name or folder.
+    max_error: limit of the error of e, None for the default.
+    asked: other arguments of `tuning.ask.tune`.
     Raises LimitPassed where the answer is not as asked, click.Abort where the search is
     interrupted, and what `tune` raises.
     """
@@ -151,7 +153,9 @@ def _user_model(engine: str) -> str:
 def _next_line(answer: Answer, model: str, pair: str, material: str | None) -> str:
     """The command that shows how the pasted text does.
 
-    model: with the text, as a shell takes it. pair: of its bodies. material: as it was typed.
+    model: with the text, as a shell takes it.
+    pair: of its bodies.
+    material: as it was typed.
     """
     target = answer.target
     low, high = answer.best.speeds
@@ -173,8 +177,9 @@ def _require(answer: Answer, max_error: float, gate: Passivity | None) -> None:
     several reasons the first in this order: kind of setting, its flaws, bodies that it is not for,
     error of e, the gate.
 
-    answer: of a search. max_error: largest error of e that is allowed. gate: of `--certify`, None
-    without.
+    answer: of a search.
+    max_error: largest error of e that is allowed.
+    gate: of `--certify`, None without.
     """
     best = answer.best
     if answer.asked is not None and not answer.is_as_asked:
@@ -246,7 +251,8 @@ def _margin(target: Target, alpha: tuple[float, float] | None) -> float:
 def _print(answer: Answer, margin: float, gate: Passivity | None) -> None:
     """Print the answer: setting, error, text to paste, other choices, notes.
 
-    margin: of e, by the uncertainty of α. gate: None unless --certify asks for it.
+    margin: of e, by the uncertainty of α.
+    gate: None unless --certify asks for it.
     """
     best = answer.best
     target = answer.target
@@ -305,7 +311,8 @@ def _verdict(has_passed: bool | None) -> str:
 def _rows(best: Choice, target: Target) -> dict[str, str]:
     """Rows of the table of a choice, values by their titles.
 
-    best: the choice. target: whose words say what e is held against. Values are texts with units.
+    best: the choice.
+    target: whose words say what e is held against. Values are texts with units.
     """
     truth = {"law": "e of the law", "linear": "1 - α v", "points": "the target e"}[target.reading]
     low, high = best.speeds
@@ -389,7 +396,8 @@ def _percent(share: float) -> str:
 def _print_interrupted(interrupt: SearchInterrupted, scene: str, as_json: bool) -> None:
     """Print the best setting when a search was interrupted; it has not been simulated.
 
-    scene: its name, whose form decides on the text to paste. as_json: print JSON in place of lines.
+    scene: its name, whose form decides on the text to paste.
+    as_json: print JSON in place of lines.
     """
     from hcbench.terms.scene import load_scene
     from hcbench.tuning.model import snippet
@@ -416,7 +424,8 @@ def _print_interrupted(interrupt: SearchInterrupted, scene: str, as_json: bool) 
 def _as_json(answer: Answer, margin: float, gate: Passivity | None) -> dict[str, Any]:
     """The answer as `--json` prints it; None for what an exact setting, which needs no run, lacks.
 
-    margin: of e, by the uncertainty of α. gate: None unless --certify asks for it.
+    margin: of e, by the uncertainty of α.
+    gate: None unless --certify asks for it.
     """
     best = answer.best
     tuned = best.tuned
@@ -623,8 +632,10 @@ def _parsed(points: str) -> tuple[tuple[float, float], ...]:
 def _drop(options: dict[str, Any], others: type[click.Option], got: str, expected: str) -> None:
     """Take out the options of the other form of the command, by name.
 
-    options: of the command, changed. others: class of the options to take out. got, expected: words
-    for the error. Raises UserError for one that was given.
+    options: of the command, changed.
+    others: class of the options to take out.
+    got, expected: words for the error.
+    Raises UserError for one that was given.
     """
     context = click.get_current_context()
     for option in context.command.params:

@@ -49,7 +49,8 @@ def impact(
 ) -> Impact:
     """One impact of a body with a fixed plate, from touch to parting, with its loop of force.
 
-    law: the force, N, over penetration and rate. mass: effective, kg.
+    law: the force, N, over penetration and rate.
+    mass: effective, kg.
     speed: v_i at touch, m/s.
     gravity: m/s² towards the plate, acting through the contact too.
     ending: parting where x = 0, or already where F = 0 (matters to laws that pull).
@@ -116,8 +117,10 @@ def impact(
 def _depth_scale(law: ForceLaw, mass: float, speed: float) -> float:
     """Depth scale X of an impact, m, with F(X, 0) X = m v_i².
 
-    law: F in N over m. mass: m, kg. speed: v_i, m/s. Raises UserError for a law that stores this
-    energy nowhere between 1e-15 and 1e3 m.
+    law: F in N over m.
+    mass: m, kg.
+    speed: v_i, m/s.
+    Raises UserError for a law that stores this energy nowhere between 1e-15 and 1e3 m.
     """
     energy = mass * speed**2
 
@@ -161,11 +164,13 @@ def _solve(
     """Solve dξ/dτ = η, dη/dτ = -F inertia + weight from (0, 1), in units of depth and impact speed.
 
     force: F in N over ξ and η.
-    inertia: X/(m v_i²), 1/N; weight: g X/v_i², without unit.
-    ending: parting where x = 0, or already where F = 0. tolerance: relative error of a step.
+    inertia: X/(m v_i²), 1/N.
+    weight: g X/v_i², without unit.
+    ending: parting where x = 0, or already where F = 0.
+    tolerance: relative error of a step.
     step_max: largest step in τ.
-    Returns SciPy's solution: states (ξ, η) over τ, also between steps, up to the parting or LONGEST;
-    its events are, in this order: x = 0, F = 0, turning, turning back.
+    Returns SciPy's solution: states (ξ, η) over τ, also between steps, up to the parting or
+    LONGEST; its events are, in this order: x = 0, F = 0, turning, turning back.
     Raises EngineFailed where SciPy gives up.
     """
 
@@ -216,8 +221,8 @@ def _solve(
 def _largest(force: Callable[[float], float], tau: Floats, sampled: Floats) -> float:
     """Largest force, N: that of the samples, improved between the neighbours of its sample.
 
-    force: N, over the time τ without unit. tau, sampled: times and forces of the samples, shape
-    (n,).
+    force: N, over the time τ without unit.
+    tau, sampled: times and forces of the samples, shape (n,).
     """
     top = int(sampled.argmax())
     low = tau[max(top - 1, 0)]

@@ -52,10 +52,12 @@ _FOLLOWED = 1024
 class ContactImpact:
     """The contact in impacts at one launch speed, means over their phases, SI; NaN without a number.
 
-    point: e of them. duration: of the contact. penetration, force: the largest.
+    point: e of them.
+    duration: of the contact.
+    penetration, force: the largest.
     stiffness, damping: of the spring and damper whose force is nearest to the contact's in the
-    first touch, with a constant force beside them; misfit: what that leaves, rms over the largest
-    force.
+    first touch, with a constant force beside them.
+    misfit: what that leaves, rms over the largest force.
     damping_ratio: damping over that of the aperiodic limit, 2 √(stiffness · effective mass); NaN
     where joints and servos act, too.
     """
@@ -165,10 +167,11 @@ def contact_over_steps(
     """The meaning of a contact with its `steps` filled in: e of the fastest launches at the model's
     time step and at shorter and longer ones.
 
-    request: its highest speed is launched. timestep: the model's, s; steps are its multiples by
-    SHARES_OF_STEP, up to the first above 1 that is not stable. at_step: opens the same pair at a
-    time step, s. A step at which the pair cannot be opened has no point; errors that are not
-    hcbench's are raised.
+    request: its highest speed is launched.
+    timestep: the model's, s; steps are its multiples by SHARES_OF_STEP, up to the first above 1
+    that is not stable.
+    at_step: opens the same pair at a time step, s. A step at which the pair cannot be opened has no
+    point; errors that are not hcbench's are raised.
     """
     many = replace(request, phases=tuple((k + 0.5) / _PHASES for k in range(_PHASES)))
     launches = _straight(many, max(request.speeds))
@@ -197,8 +200,9 @@ def _at_another_step(
     """Launch a pair at another time step: e of launches of one speed, or no point where the model
     cannot be launched at this step.
 
-    timestep: s. at_step: opens the pair at a time step, s. An HcbenchError, such as for a step
-    beyond all bounds, means that it cannot; other errors are raised.
+    timestep: s.
+    at_step: opens the pair at a time step, s. An HcbenchError, such as for a step beyond all
+    bounds, means that it cannot; other errors are raised.
     """
     try:
         with at_step(timestep) as model:

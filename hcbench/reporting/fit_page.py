@@ -224,8 +224,8 @@ def _draw_waveform(
 ) -> None:
     """Draw samples of a recording over time, with a line at each touch.
 
-    first, last: numbers of the first sample, and of the one after the last. touches: s, in the time
-    of the recording's file.
+    first, last: numbers of the first sample, and of the one after the last.
+    touches: s, in the time of the recording's file.
     """
     sound = recording.sound[first:last]
     # The least and the largest of every `stride` samples, so that no peak is lost.

@@ -339,7 +339,9 @@ def _without_include(text: str, outputs: Mapping[str, Path], include: str) -> li
     """A sentence if a model and a file of its lines are written, but the model does not include
     that file; else none.
 
-    text: of the model. outputs: files, by their options. include: the file's name in the model.
+    text: of the model.
+    outputs: files, by their options.
+    include: the file's name in the model.
     """
     if len(outputs) < 2 or f'<include file="{include}"/>' in text:
         return []
@@ -378,7 +380,8 @@ def _listed(pair: BodyPair | Sequence[BodyPair] | None) -> list[BodyPair]:
 def _output(model: Path | None, include: Path | None, version: str | None) -> Output:
     """The files to write and the version that has to load them.
 
-    model, include: paths, or None. version: "ENGINE@3.5", or None for the installed engine.
+    model, include: paths, or None.
+    version: "ENGINE@3.5", or None for the installed engine.
     Raises UserError for another form of the version.
     """
     engine = ""
@@ -526,9 +529,11 @@ def _band_of(
 ) -> tuple[float, float]:
     """The band of impact speeds, m/s: as given, else that of the target, else the default.
 
-    known: the material of the target. points: pairs of v, m/s, and e. timestep: s; gravity: m/s².
-    Warns where the band is outside what was measured of the material. Raises QuantityError for
-    speeds that are none.
+    known: the material of the target.
+    points: pairs of v, m/s, and e.
+    timestep: s.
+    gravity: m/s². Warns where the band is outside what was measured of the material.
+    Raises QuantityError for speeds that are none.
     """
     low, high = default_band(timestep, gravity)
     if speeds is not None:
@@ -557,10 +562,12 @@ def _wanted_of_model(
     """Target of pairs of a model, and the band of speeds, m/s: as given, else the target's.
 
     rebound: of a robot from a drop of 10 cm, m or text with a unit; None for another target.
-    target: how α is read, "law" or "linear". points: pairs of v, m/s, and e.
+    target: how α is read, "law" or "linear".
+    points: pairs of v, m/s, and e.
     ways: all targets but material and rebound (the points among them), by their options' names.
-    Warns where the band is outside what was measured of the material. Raises UserError for none or
-    several targets, and QuantityError for text that is not such a quantity.
+    Warns where the band is outside what was measured of the material.
+    Raises UserError for none or several targets, and QuantityError for text that is not such a
+    quantity.
     """
     if rebound is not None:
         return _rebound(rebound, material=material, **ways), DEFAULT_SPEEDS
@@ -576,9 +583,10 @@ def _wanted_of_model(
 def _rebound(rebound: Quantity, **others: object) -> Rebound:
     """The target of a robot: how high its centre of mass rebounds from a drop of 10 cm.
 
-    rebound: m, or text with a unit. others: the other targets, by the names of their options; each
-    has to be None. Raises UserError where one is not, and for a rebound that is not below the drop;
-    QuantityError for text that is not a length.
+    rebound: m, or text with a unit.
+    others: the other targets, by the names of their options; each has to be None.
+    Raises UserError where one is not, and for a rebound that is not below the drop; QuantityError
+    for text that is not a length.
     """
     given = [f"--{name}" for name, value in others.items() if value is not None]
     if given:
@@ -597,8 +605,10 @@ def _wanted(
 ) -> tuple[RestitutionCurve | AdamsImpact | NewtonSpring, Sequence[float]]:
     """Target of pairs of a model, and the default band of speeds, m/s.
 
-    target: how α is read. known: the material of the target, or None.
-    points: pairs of v, m/s, and e. ways: the other targets, by the names of their options.
+    target: how α is read.
+    known: the material of the target, or None.
+    points: pairs of v, m/s, and e.
+    ways: the other targets, by the names of their options.
     Raises UserError for none or several of them.
     """
     if known is not None:

@@ -100,8 +100,8 @@ def held_out_launches(target: Target) -> Sequence[Launch]:
 
     A phase is where in a step the body touches, 0 to 1. Speeds are those at touch, both ends of
     the band among them; with friction, random launches slip up to the band's highest speed. One
-    target always has the same launches. Raises SettingError for a band that begins at a speed that
-    gravity gives within half a step.
+    target always has the same launches.
+    Raises SettingError for a band that begins at a speed that gravity gives within half a step.
     """
     inside = np.sort((np.arange(1, _SPEEDS - 1) * _GOLDEN) % 1.0)
     grid = target.speed_min + _width(target) * np.concatenate([[0.0], inside, [1.0]])
@@ -124,8 +124,8 @@ def corner_launches(target: Target) -> list[Launch]:
     the end of a step.
 
     Over the phase e is a sawtooth, over the speed it is furthest off at an end: few launches at
-    random come near such a corner. Raises SettingError for a band that begins at a speed that
-    gravity gives within half a step.
+    random come near such a corner.
+    Raises SettingError for a band that begins at a speed that gravity gives within half a step.
     """
     speeds = np.repeat([target.speed_min, target.speed_max], len(_STEP_ENDS))
     return _launches(target, speeds, np.tile(_STEP_ENDS, 2), np.zeros(speeds.size))
@@ -138,8 +138,9 @@ def _width(target: Target) -> float:
 def _launches(target: Target, speeds: Floats, phases: Floats, slips: Floats) -> list[Launch]:
     """Launches that touch at given speeds and phases, n of them.
 
-    speeds: at touch, m/s, shape (n,). phases: where in a step they touch, 0 to 1, (n,). slips:
-    along the plate, m/s, (n,); 0 is taken for a target without friction.
+    speeds: at touch, m/s, shape (n,).
+    phases: where in a step they touch, 0 to 1, (n,).
+    slips: along the plate, m/s, (n,); 0 is taken for a target without friction.
 
     Raises SettingError for a band that begins at a speed that gravity alone gives in half a step:
     a body so slow is never in free fall for the whole step before it touches.

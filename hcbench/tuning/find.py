@@ -83,7 +83,8 @@ def _choose_for_loop(
 ) -> tuple[Recipe, str]:
     """Native recipe whose loop of force over penetration is that of the law, and what it promises.
 
-    recipes: the engine's. form: of the scene, "plane" or "cup".
+    recipes: the engine's.
+    form: of the scene, "plane" or "cup".
     match: what the user asked to match, for the errors.
     contact: how many steps the law's contact lasts, as a sentence.
     Raises SettingError where the step does not resolve the loop, for a target without α, and for an
@@ -219,8 +220,9 @@ def _answered(
 ) -> Answer:
     """The answer of these choices, without those that have flaws.
 
-    asked: the kind that is preferred, None for none. named: the choice by the recipe that the user
-    named, which stays the answer's `named` even with flaws; then it is listed as one never to use.
+    asked: the kind that is preferred, None for none.
+    named: the choice by the recipe that the user named, which stays the answer's `named` even with
+    flaws; then it is listed as one never to use.
     """
     advised = [choice for choice in choices if choice.tuned is None or not choice.tuned.flaws]
     never = [*finder.never]
@@ -253,9 +255,11 @@ class _Finder:
     ) -> None:
         """Prepare the search of one answer.
 
-        engine: a registered name. scene: in the target's conditions. integrator: of an engine that
-        has several; None for each recipe's own. max_error: of e, within which the simplest setting
-        will do. pair: names of the two bodies in the user's model.
+        engine: a registered name.
+        scene: in the target's conditions.
+        integrator: of an engine that has several; None for each recipe's own.
+        max_error: of e, within which the simplest setting will do.
+        pair: names of the two bodies in the user's model.
         Raises UserError for an unknown engine.
         """
         self.engine = engine
@@ -298,7 +302,8 @@ class _Finder:
         exact kind was asked for, as it needs no search.
 
         tried: candidates for settings and for one e, the simplest first, each with the reason for
-        it. asked: the kind that the user prefers, or None.
+        it.
+        asked: the kind that the user prefers, or None.
         Settings not nearer to the target than one e for all speeds go to `never`. Without a
         C compiler the plug-in is left out, unless it is the kind asked for: then NotCompiled.
         If no setting of the engine's own is left, raises the first refusal or failure, but not
@@ -337,9 +342,10 @@ class _Finder:
         """Evaluate recipes in turn: the first setting without flaws whose error is small enough, or
         else the one with the least error; None if none is without flaws.
 
-        tried: recipes, each with the reason for it. enough: an error of e that is small enough.
-        Settings with flaws go to `never`; a recipe that raises SettingError or EngineMissing is
-        passed over, and the first such error kept for `choices`.
+        tried: recipes, each with the reason for it.
+        enough: an error of e that is small enough. Settings with flaws go to `never`; a recipe that
+        raises SettingError or EngineMissing is passed over, and the first such error kept for
+        `choices`.
         """
         usable: list[Tuned] = []
         for recipe, why in tried:
@@ -412,8 +418,9 @@ class _Finder:
     ) -> Promise:
         """The largest error of e over a band, with the conditions in which it was found.
 
-        error: of e. band: lowest and highest impact speed, m/s. passivity: of the test of energy;
-        None where there was none.
+        error: of e.
+        band: lowest and highest impact speed, m/s.
+        passivity: of the test of energy; None where there was none.
         """
         target = self.target
         curve = target.curve
@@ -454,8 +461,8 @@ class _Finder:
     def _exact_if_compiled(self, asked: Kind | None) -> Choice | None:
         """The choice with the plug-in; None where there is none, or where it cannot be compiled.
 
-        asked: the kind that the user prefers, or None. Raises NotCompiled where that is "exact";
-        else `left_out` has the reason.
+        asked: the kind that the user prefers, or None.
+        Raises NotCompiled where that is "exact"; else `left_out` has the reason.
         """
         try:
             return self._exact()
@@ -477,7 +484,8 @@ class _Finder:
 
         None where the engine has no plug-in for such a target, where it is exact nowhere in the
         band, where a launch gives no e, and where energy grows. Where the engine is missing or
-        fails, energy is not measured. Raises NotCompiled.
+        fails, energy is not measured.
+        Raises NotCompiled.
         """
         target = self.target
         recipe = self._law()
@@ -564,10 +572,12 @@ def tune(
 ) -> Tuned:
     """Find a setting that matches a target, evaluated under the target's gravity and friction.
 
-    engine: a registered name. recipe: the name of one of its recipes, or "auto". match: what "auto"
-    aims at. integrator: of an engine that has several; None for the recipe's own. progress: called
-    with the evaluations of a search (done, at most). max_error: of e, within which the simplest
-    setting will do.
+    engine: a registered name.
+    recipe: the name of one of its recipes, or "auto".
+    match: what "auto" aims at.
+    integrator: of an engine that has several; None for the recipe's own.
+    progress: called with the evaluations of a search (done, at most).
+    max_error: of e, within which the simplest setting will do.
     Raises SettingError where no recipe can serve the target, EngineMissing, EngineFailed, and
     SearchInterrupted with the best so far where an interrupt ends a search.
     """

@@ -101,7 +101,8 @@ class _TuneJob(Job):
     """A job of measuring, with what tuning needs besides.
 
     others: requests of further pairs.
-    spring: what gives e, in place of `wanted`; rebound: of a robot, m, in place of an e.
+    spring: what gives e, in place of `wanted`.
+    rebound: of a robot, m, in place of an e.
     max_error: of e, within which the simplest setting will do.
     """
 
@@ -127,10 +128,13 @@ def tune_job(
 
     A model in a file is run in a worker. A loose box is tried on face, edge and vertex.
 
-    source: the model. requests: one a pair; their speeds span the band. wanted: e over speed, what
-    Adams or Newton state, or a robot's rebound. engine: its name; None for the one that opens the
-    model. max_error: of e, within which the simplest setting will do. limit: s, after which the
-    model counts as hung. output: where the texts are to be written.
+    source: the model.
+    requests: one a pair; their speeds span the band.
+    wanted: e over speed, what Adams or Newton state, or a robot's rebound.
+    engine: its name; None for the one that opens the model.
+    max_error: of e, within which the simplest setting will do.
+    limit: s, after which the model counts as hung.
+    output: where the texts are to be written.
     Raises UserError for a pair that cannot meet.
     """
     if len(requests) == 0:
@@ -221,9 +225,9 @@ def _tuned(job: Job) -> TunedModel:
     nearest, or the model as it is where that is nearer still.
 
     A setting will do if e is within the job's `max_error` for all pairs, and all that stands still
-    stands as still as before. One that throws up what slides comes after all others. Raises
-    UserError for an engine that tunes no models, for a file that it cannot write, and where every
-    setting has a launch without an e.
+    stands as still as before. One that throws up what slides comes after all others.
+    Raises UserError for an engine that tunes no models, for a file that it cannot write, and where
+    every setting has a launch without an e.
     """
     assert isinstance(job, _TuneJob)
     requests = (job.request, *job.others)
@@ -321,8 +325,10 @@ def _in_order(
 ) -> list[_Try]:
     """The tries, the best first, and among them the model as it is.
 
-    tries: at least one. stays: the model as it is. wanted: e over speed. max_error: of e; nearer
-    than that counts alike.
+    tries: at least one.
+    stays: the model as it is.
+    wanted: e over speed.
+    max_error: of e; nearer than that counts alike.
     The model as it is comes first if the best try's error is not below its own (or its own is near
     enough, where the best try makes something worse); else last, or nowhere if it has no e.
     """
@@ -353,10 +359,14 @@ def _best(
     """The first try, in order, with which a robot lands no worse and no launch gains energy, if its
     error is within a limit; else the first that bounces at all, those that gain energy last.
 
-    requests: one a pair. attitudes: of each pair as it can lie, with the attitude's name. wanted: e
-    over speed. landed: the robot as it is; None for a model without a robot. limit: error of e that
-    is allowed; enough: of the model as it is. order: the best first. Raises UserError where each has
-    a launch without an e.
+    requests: one a pair.
+    attitudes: of each pair as it can lie, with the attitude's name.
+    wanted: e over speed.
+    landed: the robot as it is; None for a model without a robot.
+    limit: error of e that is allowed.
+    enough: of the model as it is.
+    order: the best first.
+    Raises UserError where each has a launch without an e.
     """
     # In order: what lands worse, then the first that lands no worse but is not near enough.
     others: list[_Try] = []
@@ -408,8 +418,10 @@ def _dropped(
     """Drop a robot with the setting of a try, and return the try with its landing; the try itself
     without a robot.
 
-    requests: one a pair. tried: the try. landed: the robot as it is; None for a model without a
-    robot. until_worse: one drop is enough where something is worse in it.
+    requests: one a pair.
+    tried: the try.
+    landed: the robot as it is; None for a model without a robot.
+    until_worse: one drop is enough where something is worse in it.
     """
     if landed is None:
         return tried
@@ -428,7 +440,8 @@ def _require_touches(
     """Refuse a pair with a launch that touches neither in the model as it is nor with a setting, by
     UserError: servos hold it back, and the search would take minutes to find no e.
 
-    as_it_was: opens the model as it is. attitudes: of the pair as it can lie, with their names.
+    as_it_was: opens the model as it is.
+    attitudes: of the pair as it can lie, with their names.
     """
     if all(pair.touches for pair in _measured(setting.open, attitudes, wanted, held_out=False)):
         return
@@ -443,7 +456,8 @@ def _judged_try(
 ) -> _Try:
     """Measure the pairs with the setting of a try, and return the try with what they do.
 
-    attitudes: of each pair as it can lie, with the attitude's name. wanted: e over speed.
+    attitudes: of each pair as it can lie, with the attitude's name.
+    wanted: e over speed.
     """
     pairs = tried.pairs or _measured(tried.setting.open, attitudes, wanted, held_out=True)
     return dataclasses.replace(tried, pairs=pairs)
@@ -465,8 +479,9 @@ def _promise(
 ) -> Promise:
     """The promise of a setting for the pair of a request, over its band of speeds, m/s.
 
-    name: of the setting. wanted: e over speed. launched: what was asked and measured of all pairs,
-    in each of their attitudes.
+    name: of the setting.
+    wanted: e over speed.
+    launched: what was asked and measured of all pairs, in each of their attitudes.
     """
     theirs = [measured for asked, measured in launched if asked.pair == request.pair]
     band = min(request.speeds), max(request.speeds)
@@ -480,8 +495,8 @@ def _of_spring(
     """The curve e(v) of a contact by stiffness and damping (`job.spring`) between bodies of the
     pairs' effective mass, over the band of all requests.
 
-    opened: opens the model for the request of a pair. Raises UserError for pairs of different
-    effective masses, on which that e depends.
+    opened: opens the model for the request of a pair.
+    Raises UserError for pairs of different effective masses, on which that e depends.
     """
     assert job.spring is not None
     masses: list[float] = []
@@ -504,8 +519,10 @@ def _tried(
     """The largest error of e in a few launches of each pair with a setting; infinite where one has
     no e.
 
-    requests: one a pair. wanted: e over speed. enough: error of e that is near enough. After a pair
-    with a far larger error the pairs that are left are not launched: the result is a lower bound.
+    requests: one a pair.
+    wanted: e over speed.
+    enough: error of e that is near enough. After a pair with a far larger error the pairs that are
+    left are not launched: the result is a lower bound.
     """
     worst = 0.0
     for request in requests:
@@ -522,7 +539,8 @@ def _lift(opened: Callable[[Request], ModelUnderTest], requests: Sequence[Reques
     """The largest difference of e between launches that slide and those that do not, of one speed
     along the normal; infinite where one has no e or cannot slide.
 
-    opened: opens the model for a request. requests: one a pair.
+    opened: opens the model for a request.
+    requests: one a pair.
     """
     largest = 0.0
     phases = tuple((i + 0.5) / _TRIED_PHASES for i in range(_TRIED_PHASES))
@@ -555,10 +573,11 @@ def _measured(
 ) -> tuple[TunedPair, ...]:
     """Measure e(v) of each pair in each attitude, in this order.
 
-    opened: opens the model for a request. attitudes: (name, request) of each pair in each way that
-    its body can lie. wanted: e over speed. held_out: whether to measure at speeds and phases that no
-    search used, and nearer and nearer to the worst; else at three speeds of the band, enough to see
-    that a setting is far off.
+    opened: opens the model for a request.
+    attitudes: (name, request) of each pair in each way that its body can lie.
+    wanted: e over speed.
+    held_out: whether to measure at speeds and phases that no search used, and nearer and nearer to
+    the worst; else at three speeds of the band, enough to see that a setting is far off.
     """
     pairs = []
     for attitude, request in attitudes:
@@ -604,8 +623,10 @@ def _measured_pair(
     """Measure one pair: e(v) and the errors of e at these speeds, each at phases over the whole
     step.
 
-    opened: opens the model for a request. speeds: m/s. phases: how many a speed. wanted: e over
-    speed.
+    opened: opens the model for a request.
+    speeds: m/s.
+    phases: how many a speed.
+    wanted: e over speed.
     halvings: how often speeds between the worst one and its neighbours are added, to look for a
     larger error; each speed is then launched at the phases between which e differs, too, as
     `measure` does, and the setting is also judged by launches that no search saw.
@@ -651,7 +672,10 @@ def _measured_pair(
 
 
 def _failure(facts: Facts, impacts: Sequence[Impact]) -> str:
-    """Clause on the first impact without an e; "" where each has one. facts: of the pair."""
+    """Clause on the first impact without an e; "" where each has one.
+
+    facts: of the pair.
+    """
     failed = next((impact for impact in impacts if not impact.is_measured), None)
     if failed is None:
         return ""
@@ -664,8 +688,10 @@ def _judged(
 ) -> list[Impact]:
     """Impacts that no search saw: evenly over the band and the step, then ever nearer to the worst.
 
-    model: opened for the pair. request: its speeds span the band. wanted: the target, by which the
-    worst are known. before: impacts of the same setting, one of which may be the worst.
+    model: opened for the pair.
+    request: its speeds span the band.
+    wanted: the target, by which the worst are known.
+    before: impacts of the same setting, one of which may be the worst.
     """
     low = min(request.speeds)
     high = max(request.speeds)

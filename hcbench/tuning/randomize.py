@@ -91,7 +91,8 @@ _SAME_E = 1e-4
 class _RandomizeJob(Job):
     """A job of measuring, with what randomizing needs besides.
 
-    others: requests of further pairs. restitution, friction: bands; None: the model's own friction.
+    others: requests of further pairs.
+    restitution, friction: bands; None: the model's own friction.
     """
 
     others: tuple[Request, ...] = ()
@@ -239,8 +240,9 @@ def _each_pair(pair: BodyPair | Sequence[BodyPair] | None) -> list[Any]:
 def read_band(band: object, quantity: str) -> Band:
     """Lowest and highest value of a band: text such as "0.3:0.6", two numbers, or one for both.
 
-    quantity: name of the slot and of its unit, "restitution" or "friction". Raises QuantityError
-    for text that is not a number, UserError for more than two or a first above the second.
+    quantity: name of the slot and of its unit, "restitution" or "friction".
+    Raises QuantityError for text that is not a number, UserError for more than two or a first above
+    the second.
     """
     ends: Iterable[Any] = [band]
     if isinstance(band, str):
@@ -376,7 +378,8 @@ def _rise(opened: Callable[[Request], ModelUnderTest], requests: Sequence[Reques
     """Largest e of a launch that slides minus e of one straight down, of one speed along the normal
     and one phase; infinite where a launch has no e, 0 where no pair can slide or e only falls.
 
-    opened: opens the model for a request. requests: one a pair; the ends of their bands are used.
+    opened: opens the model for a request.
+    requests: one a pair; the ends of their bands are used.
     """
     phases = tuple((i + 0.5) / _OBLIQUE_PHASES for i in range(_OBLIQUE_PHASES))
     largest = 0.0
@@ -405,7 +408,8 @@ def _rest_faults(
     """Reasons why a middling contact of a family rests worse than the model as it is, in words, so
     that measuring its map would be in vain; empty where it rests as well.
 
-    requests: one a pair. before: the model as it is, at rest.
+    requests: one a pair.
+    before: the model as it is, at rest.
     """
     models = [family.open(request) for request in requests]
     faults: list[str] = []
@@ -420,7 +424,8 @@ def _rest_faults(
 class _Map:
     """From the nominal e of one pair to its measured e, at each of some frictions.
 
-    frictions: μ, (m,); (nan,) for the model's own. nominal: (nodes,).
+    frictions: μ, (m,); (nan,) for the model's own.
+    nominal: (nodes,).
     measured: (m, nodes), rising along the last axis.
     """
 
@@ -436,7 +441,8 @@ class _Map:
     def nominal_of(self, restitution: Floats, friction: Floats | None) -> Floats:
         """Nominal e by which the pair has an e at a friction, (n,).
 
-        restitution: (n,), within reach. friction: (n,); None where one friction was measured.
+        restitution: (n,), within reach.
+        friction: (n,); None where one friction was measured.
         """
         at_each = np.array([_inverse(curve, self.nominal, restitution) for curve in self.measured])
         if friction is None or len(self.frictions) == 1:
@@ -516,8 +522,10 @@ def _measured_maps(
     """Measure a map of each pair: feet of one robot that weigh the same at the touch can differ in
     e by 0.15, as all four legs bend the same way.
 
-    frictions: μ, (m,). nodes: nominal e of all pairs, (nodes, pairs), rising along the first axis:
-    feet that land together change each other's e. phases: places in a step, of launches at each.
+    frictions: μ, (m,).
+    nodes: nominal e of all pairs, (nodes, pairs), rising along the first axis: feet that land
+    together change each other's e.
+    phases: places in a step, of launches at each.
     """
     phase = tuple((i + 0.5) / phases for i in range(phases))
     maps = []
@@ -569,7 +577,9 @@ def _rising(measured: Floats) -> slice:
 def sliced(worlds: int, dimensions: int, random: np.random.Generator) -> tuple[Floats, Whole]:
     """Draw numbers that are spread evenly, over all worlds and over a tenth of them, too.
 
-    worlds: how many, n. dimensions: numbers a world. random: draws them.
+    worlds: how many, n.
+    dimensions: numbers a world.
+    random: draws them.
     Returns the numbers, 0 to 1, (n, dimensions), and the indices of the worlds of the tenth,
     rising. In each dimension every n-th part of 0 to 1 has one number, and each of the tenth's
     larger parts has one number of the tenth (a few may lack where the tenths are not equal).
@@ -605,8 +615,8 @@ def _drawn(
     """Draw the worlds of a family, certify some of them by launches, and let the model stand with
     the contacts at the corners of the bands of e and friction.
 
-    maps, requests: one a pair. stands: the model at rest as it is, and in the worlds at the corners
-    of both bands.
+    maps, requests: one a pair.
+    stands: the model at rest as it is, and in the worlds at the corners of both bands.
     """
     random = np.random.default_rng(job.seed)
     shares, certified = sliced(job.worlds, 2, random)
@@ -657,7 +667,8 @@ def _notes(
 ) -> Iterator[str]:
     """Sentences on what the certificate does not compare.
 
-    before: the model as it is, at rest. certificate: says which pairs' friction was not measured.
+    before: the model as it is, at rest.
+    certificate: says which pairs' friction was not measured.
     models: one a pair.
     """
     if before.falls:
@@ -683,8 +694,11 @@ def _certificate(
     """Launch bodies in some of the worlds at phases that no map used: in each world one pair, the
     pairs in turn. With a band of friction, launch them sliding, too.
 
-    models: opened, one a pair. requests: of these. parameters: of all worlds, by name. certified:
-    indices of the worlds to launch in, (n,). random: draws the phases.
+    models: opened, one a pair.
+    requests: of these.
+    parameters: of all worlds, by name.
+    certified: indices of the worlds to launch in, (n,).
+    random: draws the phases.
     """
     speeds = np.array(job.request.speeds)
     sliding = [_Sliding()] * len(models)
@@ -751,7 +765,8 @@ class _Sliding:
     def impacts(self, model: ModelUnderTest, phases: tuple[float, ...]) -> list[Impact]:
         """Impacts of the first of the launches that slides throughout; [] where friction stops all.
 
-        model: opened for the pair, with the contact of a world. phases: of the launches.
+        model: opened for the pair, with the contact of a world.
+        phases: of the launches.
         """
         for request in self.requests:
             slid = impacts_in(model, dataclasses.replace(request, phases=phases).launches())
@@ -803,8 +818,8 @@ def _slides_at_both_ends(
 ) -> bool:
     """Say whether a launch slides throughout with the most friction and both ends of the band of e.
 
-    model: opened for the pair; left with other parameters. Raises UserError where the joints cannot
-    make its motion.
+    model: opened for the pair; left with other parameters.
+    Raises UserError where the joints cannot make its motion.
     """
     assert job.friction is not None
     for e in job.restitution:

@@ -82,7 +82,8 @@ def row(condition: Condition, alpha: float) -> Row:
     [α, settings, constant].
 
     The two choices are [name, largest error of e], or None for no such choice and where no recipe
-    serves. Raises EngineMissing, and EngineFailed where the engine fails.
+    serves.
+    Raises EngineMissing, and EngineFailed where the engine fails.
     """
     scene, target = _asked(condition, alpha)
     try:
