@@ -491,22 +491,30 @@ def _without_e(status: str, reason: str) -> dict[str, Any]:
 
 
 def _table(part: SweepPart, measured: Sequence[list[dict[str, Any]]]) -> bytes:
-    """The bytes of a part's file: one row for each point.
+    """The bytes of a part's file: one row for each point, with the number of its row of parameters,
+    these, and what was measured; the metadata have counts of the points and the range of e.
 
     measured: the records of each row of parameters.
     """
     job = part.job
-    shown = [f.key for f in _POINT if job.request.is_oblique or not f.oblique]
+    results = [f.key for f in _POINT if job.request.is_oblique or not f.oblique]
     if job.rest:
-        shown += _REST
-    columns: dict[str, list[Any]] = {"row": []}
-    # A parameter may have the name of what is measured.
-    set_to = {name: f"{name}_set" for name in job.names if name in shown}
-    columns |= {(set_to | _COLUMN_OF).get(name, name): [] for name in job.names}
-    columns |= {name: [] for name in (*shown, "status", "reason")}
-    for i, (row, points) in enumerate(zip(part.rows.tolist(), measured, strict=True)):
+        results += _REST
+    results += ["status", "reason"]
+    names = ["row"]
+    for parameter in job.names:
+        name = _COLUMN_OF.get(parameter, parameter)
+        # A parameter may have the name of what is measured.
+        if name in results:
+            name += "_set"
+        names.append(name)
+    names += results
+    columns: dict[str, list[Any]] = {name: [] for name in names}
+    for number, (row, points) in enumerate(
+        zip(part.rows.tolist(), measured, strict=True), part.first
+    ):
         for point in points:
-            values = (part.first + i, *row, *(point[name] for name in (*shown, "status", "reason")))
+            values = (number, *row, *(point[name] for name in results))
             for column, value in zip(columns.values(), values, strict=True):
                 column.append(value)
     e = np.array(columns["restitution"])

@@ -318,17 +318,21 @@ def imap_unordered(
                 "executor", str(error), "one that takes work", workers.advice
             ) from error
 
+    def submit_all_again() -> None:
+        """Hand out anew, as the same tries, all tasks that were handed out."""
+        lost = list(running.items())
+        running.clear()
+        for future, (task, tries) in lost:
+            future.cancel()
+            submit(task, tries)
+
     start = workers.start()
     try:
         while True:
             if (now := workers.start()) != start:
-                # A future that was sent on its way to the scheduler before would never end.
+                # What was sent to the scheduler before it started again would never end.
                 start = now
-                lost = list(running.items())
-                running.clear()
-                for future, (task, tries) in lost:
-                    future.cancel()
-                    submit(task, tries)
+                submit_all_again()
             # So many tasks that no worker waits, as long as there are jobs.
             while len(running) < _AHEAD * workers.width() and (
                 task := list(islice(waiting, jobs_a_task))
@@ -344,9 +348,7 @@ def imap_unordered(
                     raise
                 except Exception as error:
                     if tries == _TRIES:
-                        reason = " ".join(f"{type(error).__name__}: {error}".split())
-                        got = f"failed {task[0]} {tries} times: {reason:.200}"
-                        raise CannotRun("executor", got, "", workers.advice) from error
+                        raise _failed_often(task[0], error, workers.advice) from error
                     submit(task, tries + 1)
                 else:
                     yield from zip(task, results, strict=True)
@@ -356,6 +358,16 @@ def imap_unordered(
     finally:
         for future in running:
             future.cancel()
+
+
+def _failed_often(job: object, error: Exception, advice: str) -> CannotRun:
+    """The error to raise for a task that failed _TRIES times.
+
+    job: the task's first.
+    error: of the last try.
+    """
+    reason = " ".join(f"{type(error).__name__}: {error}".split())
+    return CannotRun("executor", f"failed {job} {_TRIES} times: {reason:.200}", "", advice)
 
 
 # A Dask cluster as an executor.

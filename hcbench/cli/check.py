@@ -168,7 +168,6 @@ def _next_line(
     options: of `check`, by their names.
     """
     from hcbench.cli.tune import tune
-    from hcbench.measuring.measurement import TOLERANCE
     from hcbench.sim import registry
     from hcbench.sim.capabilities import TunesModels
 
@@ -181,16 +180,9 @@ def _next_line(
         if value is not None:
             targets.append(f"--{name} {quote(str(value))}")
     target = " ".join(targets)
-
-    if measurement.wanted is None:
-        # A baseline would keep a bounce that has a cause to be wrong.
-        stays = all(impact.restitution < _NO_BOUNCE for impact in measurement.measured)
-        missed = stays or bool(measurement.causes)
-    else:
-        errors = measurement.errors(measurement.wanted)
-        missed = any(abs(error) > TOLERANCE for _, error in errors)
     engine = registry.engine(facts.engine)
-    if missed and python is None and isinstance(engine, TunesModels):
+    # Settings go into files; a function's model has none.
+    if _misses(measurement) and python is None and isinstance(engine, TunesModels):
         target = target or f"--alpha '{_EXAMPLE_ALPHA}'"
         taken = {parameter.name for parameter in tune.params}
         launches = typed_again(options, [name for name in LAUNCHES if name in taken])
@@ -201,6 +193,19 @@ def _next_line(
     launches = typed_again(options, [*LAUNCHES, "engine", "limit"])
     target = target or "--write-baseline bounce.json"
     return f"hcbench check {source} --pair {pair}{launches} {target}"
+
+
+def _misses(measurement: Measurement) -> bool:
+    """Say whether e misses the target by more than TOLERANCE; without a target, whether nothing
+    bounces or a cause was found, which a baseline would keep.
+    """
+    from hcbench.measuring.measurement import TOLERANCE
+
+    if measurement.wanted is not None:
+        errors = measurement.errors(measurement.wanted)
+        return any(abs(error) > TOLERANCE for _speed, error in errors)
+    nothing_bounces = all(impact.restitution < _NO_BOUNCE for impact in measurement.measured)
+    return nothing_bounces or bool(measurement.causes)
 
 
 def _measure_trajectory(job: Job, trajectory: Path, limit: float | None, as_json: bool) -> None:

@@ -122,16 +122,33 @@ def tune_engine(
         print_json(_as_json(answer, margin, gate))
     else:
         _print(answer, margin, gate)
-        model = _user_model(engine) if write_scene is None else quote(str(write_scene))
-        if model:
-            names = answer.pair if write_scene is None else PAIR
-            line = _next_line(answer, model, joined_names(names), asked["material"])
-            title = "next:"
-            if model == _SCRIPT:
-                bodies = ", ".join(names if all(map(str.isidentifier, names)) else _BODIES)
-                title = f"next, with a FUNCTION that returns World(client, {bodies}):"
-            show(f"\n{title}\n  {line}")
+        _print_next(answer, write_scene, asked["material"])
     _require(answer, limit, gate)
+
+
+def _print_next(answer: Answer, write_scene: Path | None, material: str | None) -> None:
+    """Print the command that shows how the answer's text does in a model; nothing for an engine
+    that opens no models.
+
+    write_scene: the script that was written with the setting, None for none: then the text goes
+    into a model of the user's.
+    material: as it was typed, None for another target.
+    """
+    from hcbench.terms.setting import PAIR
+
+    model = _user_model(answer.engine)
+    # The bodies have the user's names in a model, and hcbench's own in a script that it wrote.
+    names = answer.pair
+    if write_scene is not None:
+        model = quote(str(write_scene))
+        names = PAIR
+    if not model:
+        return
+    title = "next:"
+    if model == _SCRIPT:
+        bodies = ", ".join(names if all(map(str.isidentifier, names)) else _BODIES)
+        title = f"next, with a FUNCTION that returns World(client, {bodies}):"
+    show(f"\n{title}\n  {_next_line(answer, model, joined_names(names), material)}")
 
 
 def _user_model(engine: str) -> str:
@@ -255,19 +272,7 @@ def _print(answer: Answer, margin: float, gate: Passivity | None) -> None:
     gate: None unless --certify asks for it.
     """
     best = answer.best
-    target = answer.target
-    spheres = "; for spheres: a flat face gains energy" if best.flat is False else ""
-    why = best.tuned.why if best.tuned else "the plug-in gives each impact the e of its own speed"
-    if target.material:
-        show(f"{'material':<20}  {target.material}")
-    show(f"{'setting':<20}  {answer.engine} {best.setting.name}: {why}{spheres}")
-    if best.tuned is not None and (warning := best.tuned.passivity.warning):
-        show(f"{'warning':<20}  {warning}")
-    caution = "" if best.kind == "exact" else answer.caution
-    for name, note in {"caution": caution, "band": answer.band_note}.items():
-        if note:
-            show(f"{name:<20}  {note}")
-    rows = _rows(best, target)
+    rows = {**_setting_rows(answer), **_rows(best, answer.target)}
     if margin:
         rows["uncertainty of α"] = f"e is known to ± {margin:.2g} (95 %)"
     rows["needs"] = "; ".join(best.needs) or "nothing"
@@ -286,8 +291,33 @@ def _print(answer: Answer, margin: float, gate: Passivity | None) -> None:
     if gate is not None:
         _print_gate(gate)
     show("\nNotes:")
-    for line in (*(best.tuned.advice if best.tuned else ()), *best.notes):
+    advice = best.tuned.advice if best.tuned is not None else ()
+    for line in (*advice, *best.notes):
         show(f"- {line}")
+
+
+def _setting_rows(answer: Answer) -> dict[str, str]:
+    """First rows of the answer's table, texts by their titles: the target's material, the setting
+    with the reason for it, and what to beware of; those that do not apply are left out.
+    """
+    best = answer.best
+    why = "the plug-in gives each impact the e of its own speed"
+    warning = ""
+    if best.tuned is not None:
+        why = best.tuned.why
+        warning = best.tuned.passivity.warning
+    spheres = ""
+    if best.flat is False:
+        spheres = "; for spheres: a flat face gains energy"
+    rows = {
+        "material": answer.target.material,
+        "setting": f"{answer.engine} {best.setting.name}: {why}{spheres}",
+        "warning": warning,
+        # It is about the engine's own contact, which the plug-in replaces.
+        "caution": "" if best.kind == "exact" else answer.caution,
+        "band": answer.band_note,
+    }
+    return {title: text for title, text in rows.items() if text}
 
 
 def _print_gate(gate: Passivity) -> None:

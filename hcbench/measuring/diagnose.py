@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -228,23 +228,32 @@ def goal_of(
     return lambda speed: float(np.interp(speed, rising, e))
 
 
+class Diagnosis(NamedTuple):
+    """Causes of a bounce that is not as it should be, the strongest first.
+
+    remedy: sentences on what is left when all are fixed; "" where there is nothing to say.
+    """
+
+    causes: tuple[Cause, ...] = ()
+    remedy: str = ""
+
+
 def diagnose(
     model: ModelUnderTest,
     impacts: Sequence[Impact],
     goal: Goal,
     wanted: RestitutionCurve | None = None,
     tolerance: float = TOLERANCE,
-) -> tuple[tuple[Cause, ...], str]:
-    """Find the causes of a bounce that is not as it should be.
-
-    Returns the causes, the strongest first, and sentences on what is left when all are fixed.
+) -> Diagnosis:
+    """Find the causes of a bounce that is not as it should be: what the model makes suspect is put
+    right in copies of it, which are launched anew.
 
     impacts: of the model as it is.
     goal: e over approach speed, m/s, that the bounce should have; NaN for none.
     wanted: the user's target, or None.
     tolerance: |e - goal| up to which a bounce is as it should be.
-    Without an error there are only causes that are always reported, and "". A copy that cannot be
-    measured counts as an error of 1; other errors of the engine are raised.
+    Without an error there are only causes that are always reported, and no remedy. A copy that
+    cannot be measured counts as an error of 1; other errors of the engine are raised.
     """
     touched = [impact for impact in impacts if impact.status is not Status.NO_TOUCH]
     # Of launches that all missed, suspects are named all the same.
@@ -252,15 +261,16 @@ def diagnose(
     suspects = model.suspects(impacts, wanted)
     if not touched and NO_PUSH not in _codes(suspects):
         # Something stopped the bodies before the contact could act.
-        return (), ""
+        return Diagnosis()
 
     assumed = _assumed_e(suspects)
     if assumed is not None:
         goal = _constant_goal(assumed)
     if not _is_off(impacts, goal, tolerance):
-        return _always_reported(suspects), ""
+        return Diagnosis(_always_reported(suspects))
     if suspects and not _fixable(suspects):
-        return tuple(map(_cause, suspects)), "None of these could be tried on this model."
+        named = tuple(map(_cause, suspects))
+        return Diagnosis(named, "None of these could be tried on this model.")
 
     trials = _Trials(model, _probe_launches(impacts, goal, model.step_cost), goal)
     suspects += _hidden_suspects(suspects, trials, wanted, tolerance)
@@ -271,19 +281,19 @@ def diagnose(
     fixes = [s for s in fixable if s.code in codes]
     remaining = trials.max_error(fixes)
     if fixes and remaining >= _NO_BOUNCE:
-        return _always_reported(suspects), _NO_FIX
+        return Diagnosis(_always_reported(suspects), _NO_FIX)
 
     hint = ""
     if remaining > tolerance:
         hint = _constant_e_hint(impacts, goal, tolerance)
     if not causes:
-        return (), hint or "No cause was found among those that hcbench knows."
+        return Diagnosis(remedy=hint or "No cause was found among those that hcbench knows.")
     sentences = [_summary(fixes, trials, tolerance)]
     if assumed is not None:
         sentences.append(f"No target e is given: e = {assumed:.4g} is assumed.")
     if hint:
         sentences.append(hint)
-    return tuple(causes), " ".join(sentences)
+    return Diagnosis(tuple(causes), " ".join(sentences))
 
 
 def _assumed_e(suspects: Sequence[Suspect]) -> float | None:

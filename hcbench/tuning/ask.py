@@ -162,7 +162,7 @@ def tune(
     registry.engine(engine)
     if timestep is None:
         raise UserError("timestep", "missing", "the engine's step, such as '1 ms'")
-    setting, wanted = make_target(
+    tried_scene, wanted = make_target(
         material=material,
         alpha=alpha,
         restitution=restitution,
@@ -185,7 +185,7 @@ def tune(
     max_error = units.parse_max_error(max_error)
     with report_progress(progress):
         return find_answer(
-            engine, wanted, setting, recipe, match, integrator, max_error, names, kind
+            engine, wanted, tried_scene, recipe, match, integrator, max_error, names, kind
         )
 
 
@@ -473,37 +473,32 @@ def make_target(
     else:
         known.curve(reading)
         alpha, restitution, points = known.target
-    setting = load_scene(scene)
-    n = setting.exponent
-    if exponent is not None:
-        n = units.parse(exponent, "exponent", "--exponent")
-    k = setting.stiffness
-    if stiffness is not None:
-        k = units.parse(stiffness, "stiffness", "--stiffness", n)
-    elif n != setting.exponent:
-        raise UserError("--stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
+    loaded = load_scene(scene)
+    k, n = _stiffness_and_exponent(loaded, stiffness, exponent)
     step = units.parse(timestep, "timestep", "timestep", above=0)
     g = _GRAVITY
     if gravity is not None:
         g = units.parse(gravity, "acceleration", "gravity")
     low, high = _band_of(speeds, known, points, step, g)
-    m = setting.mass
+    m = loaded.mass
     if mass is not None:
         m = units.parse(mass, "mass", "mass")
+    # Of the four kinds of target three are points (v, e): a spring has one at each of some speeds,
+    # and one e for all speeds is a single point.
     if spring is not None:
         points = spring.points(m, low, high)
     if restitution is not None:
         points = ((low, units.parse(restitution, "restitution", "restitution")),)
+    # Without an α the law gives the contact's duration and depth alone.
     rate = 0.0
     if alpha is not None:
         rate, _ = units.parse_uncertain(alpha, "alpha", "alpha")
-    law = HuntCrossley(k, rate, n)
     as_read = "points" if points else reading
     mu = friction
     if mu is None:
-        mu = default_friction if setting.form == "plane" else 0.0
+        mu = default_friction if loaded.form == "plane" else 0.0
     target = Target(
-        law=law,
+        law=HuntCrossley(k, rate, n),
         mass=m,
         timestep=step,
         speed_min=low,
@@ -517,7 +512,25 @@ def make_target(
         corners_asked=corners is not None,
         material="" if known is None else known.line,
     )
-    return setting, target
+    return loaded, target
+
+
+def _stiffness_and_exponent(
+    scene: Scene, stiffness: Quantity | None, exponent: float | None
+) -> tuple[float, float]:
+    """k, N/mⁿ, and n of the law: as the user gave them, else the scene's.
+
+    Raises UserError for an exponent other than the scene's without its stiffness, whose unit
+    depends on it, and QuantityError for text that is not such a quantity.
+    """
+    n = scene.exponent
+    if exponent is not None:
+        n = units.parse(exponent, "exponent", "--exponent")
+    if stiffness is not None:
+        return units.parse(stiffness, "stiffness", "--stiffness", n), n
+    if n != scene.exponent:
+        raise UserError("--stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
+    return scene.stiffness, n
 
 
 def _band_of(

@@ -169,8 +169,9 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
 
     With friction bodies slide and spin, too: in the engine itself, or in the one whose contact it
     has. An engine without steps, or one that controls its error, gets each speed of the grid at one
-    phase, and each eighth of the random launches. A setting that leaves a launch of the grid
-    without an e is of no use: it is judged by the grid alone.
+    phase, and each eighth of the random launches.
+    A setting that leaves a launch of the grid without an e is of no use: it is judged by the grid
+    alone.
 
     Raises SettingError for a setting that the engine cannot have and for a band that begins at a
     speed that gravity gives within half a step; SceneError, EngineMissing and EngineFailed of the
@@ -184,7 +185,7 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
         target = replace(target, friction=0.0)
 
     def run(launches: Sequence[Launch]) -> list[Impact]:
-        """Impacts of launches, those at an angle in the engine that has them."""
+        """Impacts of launches; those at an angle come last where another engine has them."""
         if oblique is None or oblique.engine == engine.name:
             return engine.run(scene, setting, launches)
         straight = [launch for launch in launches if not launch.is_oblique]
@@ -194,7 +195,8 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
 
     launches = [*held_out_launches(target)]
     if oblique is not None and oblique.engine != engine.name:
-        # Its own steps are judged by as many launches.
+        # Random launches with friction slide, and run in the other engine. As many straight down
+        # judge the engine's own steps.
         launches += held_out_launches(replace(target, friction=0.0))[_SPEEDS * _PHASES :]
     if not isinstance(adapter_of(engine), SteppedEngine) or _error_controlled(engine, setting):
         # No phase of a step matters, and each may cost an ODE.
@@ -208,22 +210,37 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
     if target.friction:
         others += oblique_launches(target)
     impacts += run(others)
+    _launch_near_worst(impacts, run, target, scene)
+    impacts += run(corner_launches(target))
+    return evaluate_impacts(impacts, target, scene)
+
+
+def _launch_near_worst(
+    impacts: list[Impact],
+    run: Callable[[Sequence[Launch]], list[Impact]],
+    target: Target,
+    scene: Scene,
+) -> None:
+    """Launch ever nearer to the worst impact of all, by its error of e and, with friction, also by
+    that of friction's impulse.
+
+    impacts: those until now, one or more; the new ones are added to it.
+    run: simulates launches.
+    """
     random = np.random.default_rng(_SEED)
     measures: list[_Measure] = [_errors]
     if target.friction:
         measures.append(_friction_errors)
     # By each measure, the errors of the impacts until now, in their order.
     known: dict[_Measure, Floats] = dict.fromkeys(measures, np.empty(0))
-    for halving, measure in itertools.product(range(_ROUNDS), measures):
+    for nearer, measure in itertools.product(range(_ROUNDS), measures):
         unjudged = impacts[known[measure].size :]
         # An impact that has no such error is never the worst.
         new_errors = np.nan_to_num(measure(unjudged, target, scene), nan=-1.0)
         known[measure] = np.concatenate([known[measure], new_errors])
         worst = impacts[int(known[measure].argmax())]
-        reach = _NEARBY / 4.0**halving
+        reach = _NEARBY / 4.0**nearer
         impacts += run(_near(worst, target, reach, random))
-    impacts += run(corner_launches(target))
-    return evaluate_impacts(impacts, target, scene)
 
 
 def _near(worst: Impact, target: Target, reach: float, random: np.random.Generator) -> list[Launch]:

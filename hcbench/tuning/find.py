@@ -319,9 +319,6 @@ class _Finder:
         _, least = minimax_constant(self.target)
         settings = self._best(others, self._max_error)
         constant = self._best(constants, max(_NEAR * least, 1e-9))
-        chosen: list[Choice] = []
-        if exact is not None:
-            chosen.append(exact)
         if settings is not None and constant is not None and not settings.error < constant.error:
             why = (
                 f"no nearer than one e for all speeds: {two_digits(settings.error)} where that is "
@@ -329,13 +326,18 @@ class _Finder:
             )
             self.never.append(Never(settings.setting.name, why))
             settings = None
+        has_native = settings is not None or constant is not None
+        # An integrator is of the engine's own contact: the plug-in is no answer to who names one.
+        plug_in_will_do = exact is not None and not self._integrator
+        if self._refused is not None and not has_native and not plug_in_will_do:
+            raise self._refused
+        chosen: list[Choice] = []
+        if exact is not None:
+            chosen.append(exact)
         if settings is not None:
             chosen.append(self.choice("settings", settings))
         if constant is not None:
             chosen.append(self.choice("constant", constant))
-        nothing = settings is None and constant is None
-        if self._refused is not None and nothing and (not chosen or self._integrator):
-            raise self._refused
         return chosen
 
     def _best(self, tried: Sequence[tuple[Recipe, str]], enough: float) -> Tuned | None:
@@ -492,6 +494,7 @@ class _Finder:
         if recipe is None or not {target.kind, target.reading} & set(recipe.kinds):
             return None
         if recipe.exact_above is None:
+            # Its recipe states no speed from which it is exact: it is judged as any other setting.
             tuned = self._best([(recipe, "a law in place of the contact")], math.inf)
             if tuned is None:
                 return None
@@ -500,27 +503,18 @@ class _Finder:
         low = exact_from(recipe, target)
         if low > target.speed_max:
             return None
-        train = LongestTrain(target.curve, _EXACT, target.speed_max)
-        try:
-            passivity = self._adapter.passivity(
-                self.scene, setting, (low, target.speed_max), train=train
-            )
-            passivity = self._adapter.with_boxes(self.scene, setting, passivity)
-        except (EngineMissing, EngineFailed):
-            passivity = None
-        if passivity is not None and not self._bounces(setting, (low, target.speed_max)):
-            got = f"launches gave no restitution at {low:.3g} or {target.speed_max:.3g} m/s"
-            advice = "Try other speeds or another step"
-            slot = f"{self.engine} {recipe.name!r}"
-            self._refused = self._refused or EngineFailed(slot, got, "a bounce from each", advice)
-            return None
-        if passivity is not None and passivity.warning:
-            self.never.append(Never(recipe.name, passivity.warning))
-            return None
+        band = low, target.speed_max
+        passivity = self._passivity_of_law(setting, band)
+        # e falls with speed: by the law it is largest at the lowest.
         max_e = float(target.restitution(low))
         if passivity is not None:
+            if not self._bounces(setting, band):
+                self._refused = self._refused or self._no_bounce(recipe, band)
+                return None
+            if passivity.warning:
+                self.never.append(Never(recipe.name, passivity.warning))
+                return None
             max_e = max(max_e, passivity.bounces.max_e)
-        band = low, target.speed_max
         error = recipe.within or _EXACT
         promise = self._promise(setting, error, band, passivity)
         text = self._adapter.snippet(setting, self.scene.form, self.pair)
@@ -536,6 +530,30 @@ class _Finder:
             needs=(*self._adapter.needs(setting), *_above(low, target.speed_min)),
             notes=recipe.notes,
             promise=promise,
+        )
+
+    def _passivity_of_law(self, setting: Setting, band: tuple[float, float]) -> Passivity | None:
+        """Test whether the plug-in's setting gains energy, with a ball, boxes and a capsule; None
+        where the engine is missing or fails, so that nothing was measured.
+
+        band: lowest and highest impact speed at which the law is exact, m/s.
+        """
+        target = self.target
+        train = LongestTrain(target.curve, _EXACT, target.speed_max)
+        try:
+            passivity = self._adapter.passivity(self.scene, setting, band, train=train)
+            return self._adapter.with_boxes(self.scene, setting, passivity)
+        except (EngineMissing, EngineFailed):
+            return None
+
+    def _no_bounce(self, recipe: Recipe, band: tuple[float, float]) -> EngineFailed:
+        """The error to raise for a plug-in with which a launch at an end of the band, m/s, has no e."""
+        low, high = band
+        return EngineFailed(
+            f"{self.engine} {recipe.name!r}",
+            f"launches gave no restitution at {low:.3g} or {high:.3g} m/s",
+            "a bounce from each",
+            "Try other speeds or another step",
         )
 
 

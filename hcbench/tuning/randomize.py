@@ -275,16 +275,19 @@ def _randomized(job: Job) -> RandomWorlds:
     def opened(request: Request) -> ModelUnderTest:
         return engine.open(rebuild() if rebuild else source, request)
 
-    rise: float | None = None
+    rise_as_it_is: float | None = None
+    # Of each family that reaches the band and will not do, the reason.
     faults: list[str] = []
     # Families that do not reach the band, with a first look at how far they do.
     short: list[tuple[ContactFamily, list[_Map]]] = []
     for family in engine.contact_families(source, requests, rebuild):
         if job.friction is not None and not family.slides:
             raise UserError("friction", "a band", "a pair with friction", "Its condim is 1")
-        if fault := _rest_faults(family, requests, job, before):
-            faults.append(f"{family.name}: {fault[0]}")
+        rest_faults = _rest_faults(family, requests, job, before)
+        if rest_faults:
+            faults.append(f"{family.name}: {rest_faults[0]}")
             continue
+        # A first look, at the middle friction alone, tells which families are worth their maps.
         frictions = _frictions(job)
         rough = _first_look(family, requests, float(frictions[len(frictions) // 2]))
         maps = rough
@@ -294,19 +297,21 @@ def _randomized(job: Job) -> RandomWorlds:
         if not _covers(_reach(maps), job.restitution):
             short.append((family, rough))
             continue
-        # Of the model as it is; a band out of reach is refused without it.
-        if rise is None:
-            rise = _rise(opened, requests)
-        if _rise_in(family, maps, requests, job) > max(MAX_ERROR, WORSE * rise):
+        # Measured once, and not at all where the band is out of reach.
+        if rise_as_it_is is None:
+            rise_as_it_is = _rise(opened, requests)
+        if _rise_in(family, maps, requests, job) > max(MAX_ERROR, WORSE * rise_as_it_is):
             faults.append(f"{family.name}: sliding throws it up more than the model as it is")
             continue
         models = [family.open(request) for request in requests]
         after = _at_corners(family, maps, models, job)
-        timestep = models[0].timestep
-        if fault := [words for each in after for words in each.rests_worse_than(before, timestep)]:
-            faults.append(f"{family.name}: {fault[0]}")
+        worse: list[str] = []
+        for stands in after:
+            worse += stands.rests_worse_than(before, models[0].timestep)
+        if worse:
+            faults.append(f"{family.name}: {worse[0]}")
             continue
-        return _drawn(family, maps, requests, job, (before, after))
+        return _drawn(family, maps, requests, job, before, after)
     if not short:
         asked = f"{job.restitution[0]:g}:{job.restitution[1]:g}"
         raise UserError("restitution", asked, f"a contact that rests as well ({faults[-1]})")
@@ -391,6 +396,7 @@ def _rise(opened: Callable[[Request], ModelUnderTest], requests: Sequence[Reques
                 impacts = impacts_in(model, sent.launches())
         except UserError:
             continue
+        # By speed, angle (the first straight down) and phase, in the order of the launches.
         e = np.array([i.restitution for i in impacts]).reshape(len(ends), -1, _OBLIQUE_PHASES)
         rises = np.nan_to_num(e[:, 1:] - e[:, :1], nan=math.inf)
         largest = max(largest, float(rises.max()))
@@ -586,17 +592,23 @@ def sliced(worlds: int, dimensions: int, random: np.random.Generator) -> tuple[F
 
     P. Z. G. Qian, Sliced Latin hypercube designs, 2012.
     """
-    # A smaller share than a tenth would be too few worlds to certify.
+    # Of few worlds a tenth is too few to certify: then they are cut into fewer slices.
     slices = max(1, min(_SHARE, worlds // _LEAST_CERTIFIED))
+    # Worlds a slice, rounded up.
     size = -(-worlds // slices)
     columns = []
     for _ in range(dimensions):
-        # Row i has the slices' levels within the i-th part of size; each slice then shuffles its own.
-        levels = random.permuted(np.arange(size * slices).reshape(size, slices), axis=1)
+        # 0 to 1 has `size` large parts, each of them `slices` small ones, which are numbered
+        # through. Row i has the small parts of the i-th large one: each slice, a column, gets one.
+        levels = np.arange(size * slices).reshape(size, slices)
+        levels = random.permuted(levels, axis=1)
+        # Each slice has its parts in an order of its own, so that dimensions are independent.
         levels = random.permuted(levels, axis=0)
         columns.append((levels + random.random(levels.shape)) / levels.size)
-    # The first column is the tenth that is certified; the last few of another make up the number.
-    shares = np.stack(columns, axis=-1).transpose(1, 0, 2).reshape(-1, dimensions)[:worlds]
+    # (size, slices, dimensions) to one slice after the other; the last may be cut short. The first
+    # is the tenth that is certified.
+    by_slice = np.stack(columns, axis=-1).transpose(1, 0, 2)
+    shares = by_slice.reshape(-1, dimensions)[:worlds]
     order = random.permutation(worlds)
     return shares[order], np.flatnonzero(order < size)
 
@@ -610,7 +622,8 @@ def _drawn(
     maps: Sequence[_Map],
     requests: Sequence[Request],
     job: _RandomizeJob,
-    stands: tuple[Standing, tuple[Standing, ...]],
+    before: Standing,
+    after: tuple[Standing, ...],
 ) -> RandomWorlds:
     """Draw the worlds of a family, certify some of them by launches, and let the model stand with
     the contacts at the corners of the bands of e and friction.
@@ -625,7 +638,6 @@ def _drawn(
     parameters = family.parameters(_nominal_of(maps, restitution, friction), friction)
     models = [family.open(request) for request in requests]
     certificate = _certificate(family, models, requests, job, parameters, certified, random)
-    before, after = stands
     return RandomWorlds(
         parameters=parameters,
         restitution=restitution,
@@ -707,46 +719,46 @@ def _certificate(
     unmeasured = [each.fault for each in sliding]
     restitution = np.empty((len(certified), len(speeds)))
     lowest, highest = np.empty((2, len(certified)))
-    rubbed = np.full(len(certified), math.nan)
-    gained = -math.inf
+    friction = np.full(len(certified), math.nan)
+    energy_gained = -math.inf
     launches = 0
     for row, world in enumerate(certified.tolist()):
-        number = row % len(models)
-        model = models[number]
+        pair = row % len(models)
+        model = models[pair]
         family.set(model, parameters, world)
         phases = tuple((np.arange(_PHASES) + random.random()) / _PHASES)
-        impacts = impacts_in(model, dataclasses.replace(requests[number], phases=phases).launches())
+        impacts = impacts_in(model, dataclasses.replace(requests[pair], phases=phases).launches())
         e = np.array([impact.restitution for impact in impacts])
         restitution[row] = e.reshape(len(speeds), _PHASES).mean(axis=1)
         lowest[row] = e.min()
         highest[row] = e.max()
         launches += len(impacts)
-        if job.friction is None or unmeasured[number]:
+        if job.friction is None or unmeasured[pair]:
             continue
         phases = tuple((np.arange(_SLIDING_PHASES) + random.random()) / _SLIDING_PHASES)
-        slid = sliding[number].impacts(model, phases)
+        slid = sliding[pair].impacts(model, phases)
         if not slid:
-            unmeasured[number] = _STOPS
+            unmeasured[pair] = _STOPS
             continue
-        rubbed[row] = _friction_of(slid)
-        gained = max(
-            gained, *(-impact.tangential.energy_lost for impact in slid if impact.tangential)
-        )
+        friction[row] = _friction_of(slid)
+        for impact in slid:
+            if impact.tangential is not None:
+                energy_gained = max(energy_gained, -impact.tangential.energy_lost)
         launches += len(slid)
     # Worlds with much friction stop a launch first: without them those of a pair are not uniform.
-    of_pair = np.arange(len(certified)) % len(models)
-    for number, why in enumerate(unmeasured):
+    pair_of_row = np.arange(len(certified)) % len(models)
+    for pair, why in enumerate(unmeasured):
         if why:
-            rubbed[of_pair == number] = math.nan
+            friction[pair_of_row == pair] = math.nan
     return Certificate(
         worlds=certified,
         speeds=speeds,
         restitution=restitution,
         lowest=lowest,
         highest=highest,
-        friction=None if job.friction is None else rubbed,
+        friction=None if job.friction is None else friction,
         unmeasured=tuple(unmeasured),
-        energy_gained=gained,
+        energy_gained=energy_gained,
         launches=launches,
     )
 
