@@ -399,6 +399,7 @@ class _Slope:
         points = np.array([np.log(speeds), np.log(loss[lossy])])
         if not self._sums[0]:
             self._first = points[:, 0].copy()
+        # ln v and ln ΔE, less those of the first impact.
         x, y = points - self._first[:, None]
         self._sums += [len(x), x.sum(), y.sum(), (x * x).sum(), (x * y).sum()]
         self._slowest = min(self._slowest, float(speeds.min()))

@@ -491,8 +491,9 @@ def _without_e(status: str, reason: str) -> dict[str, Any]:
 
 
 def _table(part: SweepPart, measured: Sequence[list[dict[str, Any]]]) -> bytes:
-    """The bytes of a part's file: one row for each point, with the number of its row of parameters,
-    these, and what was measured; the metadata have counts of the points and the range of e.
+    """Encode what was measured as the bytes of a file: one row for each point, with the number of
+    its row of parameters, these, and the results. The metadata have counts of the points and the
+    range of e.
 
     measured: the records of each row of parameters.
     """

@@ -102,9 +102,11 @@ def _with_place(error: Exception) -> str:
 
 def _run_batch(engine: Any, batch: list[Any]) -> None:
     """Step the worlds of (run, result) pairs together, and put "states" into each result, or
-    "unsupported". Raises what the engine raises, ValueError for a wrong number of bodies.
+    "unsupported" for a world that the engine cannot have.
+
+    Raises what the engine raises, and ValueError for a wrong number of bodies.
     """
-    made = []
+    made = []  # (run, its states), of the worlds that the engine has
     for each, result in batch:
         try:
             engine.make(each["world"])
@@ -122,21 +124,29 @@ def _run_batch(engine: Any, batch: list[Any]) -> None:
     for step in range(1 + _last_step(run)):  # the same of all in a batch
         if step:
             engine.step()
-        asked = []  # whether each run records this step
-        for each, _ in made:
-            asked.append(any(first <= step <= last for first, last in each["record"]))
-        if not any(asked):
+        # An engine's state may cost more than its step: it is asked for only where a run keeps it.
+        if not any(_keeps(each, step) for each, _ in made):
             continue
         worlds = engine.state() if is_batch else [engine.state()]
-        for (each, states), is_asked, bodies in zip(made, asked, worlds, strict=True):
-            if not is_asked:
-                continue
-            moving = sum(not body.get("fixed") for body in each["world"]["bodies"])
-            if len(bodies) != moving:
-                raise ValueError(f"step {step}: {len(bodies)} bodies, not {moving}")
-            # Nine digits: far below any tolerance.
-            rounded = [[float(f"{x:.9g}") for x in body] for body in bodies]
-            states.append([step, *rounded])
+        for (each, states), bodies in zip(made, worlds, strict=True):
+            if _keeps(each, step):
+                states.append([step, *_rounded_bodies(each, bodies, step)])
+
+
+def _keeps(each: Json, step: int) -> bool:
+    """True where a run has the state after this step recorded."""
+    return any(first <= step <= last for first, last in each["record"])
+
+
+def _rounded_bodies(each: Json, bodies: Any, step: int) -> list[list[float]]:
+    """States of a run's bodies in nine digits, far below any tolerance.
+
+    Raises ValueError, with the step, for more or fewer of them than the run has moving bodies.
+    """
+    moving = sum(not body.get("fixed") for body in each["world"]["bodies"])
+    if len(bodies) != moving:
+        raise ValueError(f"step {step}: {len(bodies)} bodies, not {moving}")
+    return [[float(f"{x:.9g}") for x in body] for body in bodies]
 
 
 def _last_step(run: Json) -> int:
@@ -192,8 +202,8 @@ def _free_rise(z: dict[int, float], fall: float, touch: float) -> list[int]:
     """Steps of a ball's first rise without contact, in order; none if it rests or hovers.
 
     z: {step: height}, m.
-    fall: second difference of the height in free flight, m, 0 without gravity, where only steps
-    above the height of the touch, m, are free.
+    fall: second difference of the height in free flight, m; 0 without gravity.
+    touch: height at which the ball touches, m; without gravity only steps above it are free.
     """
     free: list[int] = []
     is_up = False

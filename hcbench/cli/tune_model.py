@@ -138,7 +138,8 @@ def _next_line(
 
     limit: largest error of e that passes.
     model: the tuned model, as a shell takes it.
-    alpha: s/m; given: the other options, by their names.
+    alpha: s/m.
+    given: the other options, by their names.
     """
     pair = tuned.pairs[0]
     # Speeds at launch, as --speeds are; gravity makes those at touch higher.
@@ -183,7 +184,8 @@ def _tested(tuned: TunedModel, written: Path | None, models: tuple[str, ...]) ->
 def _next_title(tuned: TunedModel, written: Path | None, models: tuple[str, ...]) -> str:
     """The line over the command to type next: it says where the lines go that were not written.
 
-    written: the file with the tuned model. models: the user's own.
+    written: the file with the tuned model.
+    models: the user's own.
     """
     if written is not None or not tuned.text:
         return "next:"
@@ -529,7 +531,9 @@ def landing_sentences(change: LandingChange) -> list[str]:
 
 def _stiffer(change: LandingChange) -> list[str]:
     """A sentence on whether servos with larger gains reach the rebound that is asked for; none
-    where no other gains were tried. change: with a rebound and the `reach` of settings.
+    where no other gains were tried.
+
+    change: with a rebound and the `reach` of settings.
     """
     assert change.reach is not None
     assert change.rebound is not None

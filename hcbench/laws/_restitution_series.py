@@ -172,7 +172,7 @@ def inverse_restitution(e: Floats) -> Floats:
     shortfall = 1.0 - e
     start = np.polynomial.polynomial.polyval(e, _START)
     d: Floats = shortfall / e * start
-    # From 0.7 % on, four steps reach the last digits.
+    # The polynomial is wrong by 0.7 % at most: from there four steps reach the last digits.
     for _ in range(4):
         now = restitution_of(d)
         error = np.where(e >= 0.5, shortfall - one_minus_restitution(d), now - e)

@@ -317,6 +317,7 @@ def contact_of(
         require(name, dissipation, 0.0 <= dissipation < math.inf, "0 s/m or more")
         alpha = dissipation / _OVER_ALPHA[name]
     else:
+        # All others state an e, which at a speed has an α.
         e = restitution
         if solref is not None:
             e = _restitution_of_solref(solref, timestep)

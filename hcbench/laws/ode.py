@@ -192,12 +192,13 @@ def _solve(
     def turning_back(_: float, state: Floats) -> float:
         return float(state[1])
 
-    # Each is an event where its function falls through 0; turning back where it rises. The turning
-    # point alone does not end the contact.
-    events: list[Any] = [surface, pushing, turning, turning_back]
-    for event, terminal, direction in zip(events, (1, 1, 0, 1), (-1, -1, -1, 1), strict=True):
-        event.terminal = bool(terminal)
-        event.direction = direction
+    events = [
+        _event(surface),
+        _event(pushing),
+        # The turning point tells the largest penetration.
+        _event(turning, ends_contact=False),
+        _event(turning_back, is_rising=True),
+    ]
     first_step = step_max
     if math.isfinite(tolerance):
         first_step = min(step_max, 1e-3)
@@ -216,6 +217,24 @@ def _solve(
     if path.status < 0:
         raise EngineFailed("simulation", path.message, "a law that is finite and smooth for x > 0")
     return path
+
+
+def _event(
+    function: Callable[[float, Floats], float],
+    *,
+    ends_contact: bool = True,
+    is_rising: bool = False,
+) -> Any:
+    """Make a function an event of SciPy's `solve_ivp`: where its value falls through 0.
+
+    function: of τ and the state (ξ, η).
+    ends_contact: whether the integration ends there.
+    is_rising: the event is where the value rises through 0, instead.
+    """
+    event: Any = function
+    event.terminal = ends_contact
+    event.direction = 1 if is_rising else -1
+    return event
 
 
 def _largest(force: Callable[[float], float], tau: Floats, sampled: Floats) -> float:

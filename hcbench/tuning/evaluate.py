@@ -103,20 +103,28 @@ def held_out_launches(target: Target) -> Sequence[Launch]:
     target always has the same launches.
     Raises SettingError for a band that begins at a speed that gravity gives within half a step.
     """
+    # Multiples of the golden ratio, modulo 1, are spread evenly, and no search has just these.
     inside = np.sort((np.arange(1, _SPEEDS - 1) * _GOLDEN) % 1.0)
-    grid = target.speed_min + _width(target) * np.concatenate([[0.0], inside, [1.0]])
-    phases = (np.arange(_PHASES) + _GOLDEN) / _PHASES
+    speeds_of_grid = target.speed_min + _width(target) * np.concatenate([[0.0], inside, [1.0]])
+    phases_of_grid = (np.arange(_PHASES) + _GOLDEN) / _PHASES
     # Each speed at each phase, phases of one speed after another.
-    speed = np.repeat(grid, _PHASES)
-    phase = np.tile(phases, len(grid))
+    grid_speeds = np.repeat(speeds_of_grid, _PHASES)
+    grid_phases = np.tile(phases_of_grid, _SPEEDS)
     random = np.random.default_rng(_SEED)
     shares = random.uniform(size=_RANDOM)
     # Squares crowd towards the low end: slow impacts are the hard ones.
     shares[::2] **= 2
-    speeds = np.concatenate([speed, target.speed_min + _width(target) * shares])
-    where = np.concatenate([phase, random.uniform(0.001, 0.999, _RANDOM)])
-    slips = np.concatenate([np.zeros(speed.size), random.uniform(size=_RANDOM)]) * target.speed_max
-    return tuple(_launches(target, speeds, where, slips))
+    random_speeds = target.speed_min + _width(target) * shares
+    random_phases = random.uniform(0.001, 0.999, _RANDOM)
+    random_slips = random.uniform(size=_RANDOM) * target.speed_max
+    return tuple(
+        _launches(
+            target,
+            speeds=np.concatenate([grid_speeds, random_speeds]),
+            phases=np.concatenate([grid_phases, random_phases]),
+            slips=np.concatenate([np.zeros(grid_speeds.size), random_slips]),
+        )
+    )
 
 
 def corner_launches(target: Target) -> list[Launch]:
