@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,21 +71,30 @@ class Gathered:
     loops: Sequence[tuple[_Launched, Loop]]
 
 
-def gather(job: tuple[Store, Mapping[str, Any], Sequence[tuple[int, str]]]) -> list[Gathered]:
+class ShardsOfSetting(NamedTuple):
+    """The shards of one setting, as one argument, which `map` of a pool of processes hands over.
+
+    study: as plain values, with defaults filled in, SI.
+    shards: (number, file name) of each, in order.
+    """
+
+    store: Store
+    study: Mapping[str, Any]
+    shards: Sequence[tuple[int, str]]
+
+
+def gather(job: ShardsOfSetting) -> list[Gathered]:
     """Fold the impacts of one setting's shards to curves, and score them: one result for each α.
 
-    job: the store; the study as plain values, with defaults filled in, SI; and (number, file name)
-    of each shard, in order. They come as one argument, as `map` of a pool of processes hands them.
     Raises UserError for a damaged shard, OutputError for one that cannot be read.
     """
-    store, study, shards = job
     seen: dict[Key, _Gathering] = {}
-    for number, name in shards:
-        impacts, loops = store.tables(number, name)
+    for number, name in job.shards:
+        impacts, loops = job.store.tables(number, name)
         columns = columns_in(impacts, _READ)
         loops_by_alpha = _loops_in(loops)
         for key, rows in places_of(impacts).items():
-            one = seen.setdefault(key, _Gathering(key, study))
+            one = seen.setdefault(key, _Gathering(key, job.study))
             one.add(_rows(columns, rows), loops_by_alpha.get(one.alpha, {}))
     return [one.gathered() for one in seen.values()]
 
@@ -304,7 +313,7 @@ def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Resu
         any_key = next(iter(places_of(impacts)))
         shards_of.setdefault(_setting_of(any_key), []).extend(shards[begin:end])
     by_key: dict[Key, Gathered] = {}
-    jobs = [(store, study, shards_of_setting) for shards_of_setting in shards_of.values()]
+    jobs = [ShardsOfSetting(store, study, of_setting) for of_setting in shards_of.values()]
     for all_alphas in mapper(gather, jobs):
         for gathered in all_alphas:
             by_key[gathered.key] = gathered

@@ -260,6 +260,7 @@ def _margin(target: Target, alpha: tuple[float, float] | None) -> float:
 
     if alpha is None or target.reading == "points":
         return 0.0
+    # The margin bends slowly over speed: a few speeds find its largest.
     band = np.linspace(target.speed_min, target.speed_max, 13)
     value, uncertainty = alpha
     return Restitution(value, target.reading, uncertainty).margin(band)

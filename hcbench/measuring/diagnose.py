@@ -407,7 +407,7 @@ def _probe_launches(impacts: Sequence[Impact], goal: Goal, step_cost: float) -> 
     for speed in sorted({worst, min(by_speed), max(by_speed)}):
         probes += _probe_phases(by_speed[speed], step_cost)
 
-    # Steps in contact of the longest impact.
+    # Steps in contact of the longest impact; a launch takes ten or so of flight in any case.
     longest = max(10, *(impact.samples for impact in impacts))
     affordable = max(1, int(_PROBE_STEPS / (step_cost * longest)))
     if affordable >= len(probes):
