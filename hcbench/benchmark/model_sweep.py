@@ -119,8 +119,11 @@ class ModelSweep:
     highest: float = -math.inf
 
     def with_part(self, rows: int, content: bytes) -> ModelSweep:
-        """The state with one more file. Raises ValueError, OSError or KeyError where it is cut
-        short.
+        """The state with one more file.
+
+        rows: of parameters, in the file.
+        content: bytes of the file, whose metadata have its counts.
+        Raises ValueError, OSError or KeyError where it is cut short.
         """
         counts = json.loads(metadata_in(content)[_COUNTS])
         return replace(

@@ -74,9 +74,13 @@ def tune_engine(
     """Tune an engine, print the answer, and write a script with its setting.
 
     alpha: α and its standard uncertainty, s/m.
+    pair: names of the two bodies in the text to paste, once at most.
     kind: of the answer that --plugin, --settings or --constant ask for.
     scene: its name or folder.
     max_error: limit of the error of e, None for the default.
+    certify: whether to run the whole test for energy on the answer, which then has to pass it.
+    write_scene: file for the script.
+    force: replace a file that hcbench did not write.
     asked: other arguments of `tuning.ask.tune`.
     Raises LimitPassed where the answer is not as asked, click.Abort where the search is
     interrupted, and what `tune` raises.

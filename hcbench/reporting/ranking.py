@@ -205,8 +205,10 @@ class RunVerdict:
 
 
 def over_constant(view: View, run: RunKey, alpha: float) -> float:
-    """Largest error against the law over the best constant's: above 1 a constant
-    would do better; NaN for no score.
+    """Largest error of e against the law, divided by that of the best constant e: above 1 a
+    constant would do better. NaN for a run without a score.
+
+    alpha: of the law, s/m.
     """
     score = view.score(run, alpha)
     if score is None:

@@ -625,11 +625,11 @@ def _drawn(
     before: Standing,
     after: tuple[Standing, ...],
 ) -> RandomWorlds:
-    """Draw the worlds of a family, certify some of them by launches, and let the model stand with
-    the contacts at the corners of the bands of e and friction.
+    """Draw the worlds of a family, and certify some of them by launches.
 
     maps, requests: one a pair.
-    stands: the model at rest as it is, and in the worlds at the corners of both bands.
+    before: how the model stands as it is.
+    after: how it stands in the worlds at the corners of the bands of e and friction.
     """
     random = np.random.default_rng(job.seed)
     shares, certified = sliced(job.worlds, 2, random)
