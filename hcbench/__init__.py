@@ -130,6 +130,10 @@ def __dir__() -> list[str]:
 
 
 def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used: `import hcbench` alone takes no time.
+
+    Raises AttributeError for any other name.
+    """
     from importlib import import_module
 
     if name == "__version__":

@@ -186,7 +186,8 @@ def add(
 ) -> Environment:
     """Install an engine into an environment of its own, in place of one of the same version.
 
-    engine: its name. package: the one whose version is the engine's.
+    engine: its name.
+    package: the one whose version is the engine's.
     requirements: what to install, as pip writes it.
     python: a version or a path, of an installed interpreter.
     trial: uses the environment before it is moved into its place; what it raises ends all.
@@ -311,7 +312,8 @@ def _run_uv(arguments: Sequence[str], folder: Path) -> subprocess.CompletedProce
     """Run uv in a folder, with the user's own settings of indexes, and interpreters of this machine
     only; return its exit code and output, also where it failed.
 
-    arguments: words of the command after "uv". Raises CannotRun where uv is not installed.
+    arguments: words of the command after "uv".
+    Raises CannotRun where uv is not installed.
     """
     try:
         import uv
@@ -364,8 +366,9 @@ def _explained(text: str, about: str, folder: Path) -> HcbenchError:
     """The error of hcbench for a failure of uv: OutputError for a full disk, UserError for a
     version or wheel that does not exist, CannotRun for all else.
 
-    text: message of uv in one line. about: what was to be made, for the error. folder: on the disk
-    whose free space is stated.
+    text: message of uv in one line.
+    about: what was to be made, for the error.
+    folder: on the disk whose free space is stated.
     """
     if "No space left" in text or "os error 28" in text:
         left = f"{shutil.disk_usage(folder).free >> 20} MiB left on the disk of {home()}"

@@ -103,7 +103,10 @@ def restitution(request: pytest.FixtureRequest) -> Iterator[RestitutionFixture]:
 
 
 class FixtureOptions(LaunchOptions, LimitOptions, total=False):
-    """Options of the fixture. timeout: time after which an engine counts as hung."""
+    """Options of the fixture.
+
+    timeout: time after which an engine counts as hung.
+    """
 
     engine: str | None
     timeout: Quantity | None
@@ -127,9 +130,10 @@ class RestitutionFixture:
         measures it.
 
         model: a path (looked for in the test's own folder first), two paths, or an engine's own
-        model object. pair: names of the two, the body that moves first. options: those of launches
-        (`hcbench.terms.options`), limits such as max_error, engine, and timeout; they go before
-        those of the marker. Fails the test for an unknown option.
+        model object.
+        pair: names of the two, the body that moves first.
+        options: those of launches (`hcbench.terms.options`), limits such as max_error, engine, and
+        timeout; they go before those of the marker. Fails the test for an unknown option.
         """
         __tracebackhide__ = True
         _require_known("restitution()", options)
@@ -187,8 +191,10 @@ class ModelBounce:
         """Measure the pair, and fail the test unless e over speed follows a target: the law of 1975
         with α, a CSV file of points, or a pair of materials. Exactly one is given.
 
-        alpha: such as "0.008 s/in", or a number in s/m. points: path of a file with columns of
-        speed and e. material: such as "rubber on concrete". target: "linear" for e = 1 - α v.
+        alpha: such as "0.008 s/in", or a number in s/m.
+        points: path of a file with columns of speed and e.
+        material: such as "rubber on concrete".
+        target: "linear" for e = 1 - α v.
         pairs: the old name of points.
         max_error: error of e that is allowed; None: as the options of the fixture have it.
         """
@@ -211,8 +217,9 @@ class ModelBounce:
         """Measure the pair, and fail the test if at rest one body lies deeper in the other than
         max_depth, or vibrates by more than max_vibration.
 
-        max_depth: "1 mm", or a number in m. max_vibration: rms, "1e-4 m/s", or a number in m/s.
-        None: as the options of the fixture have it; the test fails if these have neither limit.
+        max_depth: "1 mm", or a number in m.
+        max_vibration: rms, "1e-4 m/s", or a number in m/s. None: as the options of the fixture have
+        it; the test fails if these have neither limit.
         """
         limits = {"max_depth": max_depth, "max_vibration": max_vibration}
         for name, value in limits.items():
@@ -255,8 +262,9 @@ class ModelBounce:
     def _check(self, max_error: float | None, against: Mapping[str, Any]) -> Outcome:
         """Measure and judge the pair with the options of the fixture and those of this call.
 
-        max_error: error of e that is allowed; None: that of the fixture. against: the target or
-        limits, by their options' names. Fails the test for options that are refused.
+        max_error: error of e that is allowed; None: that of the fixture.
+        against: the target or limits, by their options' names. Fails the test for options that are
+        refused.
         """
         from hcbench.checking import CheckSpec, plan, run_check
         from hcbench.system.errors import HcbenchError, UserError
@@ -278,7 +286,10 @@ class ModelBounce:
 
 
 def _require_known(slot: str, options: Mapping[str, Any]) -> None:
-    """Fail a test with an option that the fixture does not have. slot: where it was given."""
+    """Fail a test with an option that the fixture does not have.
+
+    slot: where it was given.
+    """
     __tracebackhide__ = True
     unknown = sorted(set(options) - set(_KEYS))
     if unknown:

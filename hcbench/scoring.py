@@ -162,10 +162,12 @@ class Score:
     constant_...: the best constant e over the band, and its largest errors.
     phase_spread: largest change of e with the phase of the touch.
     alpha_fit, alpha_fit_rms: α of the law nearest to the impacts, s/m, and what it leaves of e.
-    energy_exponent: p of the energy lost ∝ v^p; energy_exponent_law: of the law.
-    energy_gained: whether an impact returned more than it got. samples_min: fewest steps in
-    contact. loops, loop_rms ... tension_share: number of loops, and the worst of each figure of
-    `LoopScore`; NaN if none was resolved.
+    energy_exponent: p of the energy lost ∝ v^p.
+    energy_exponent_law: of the law.
+    energy_gained: whether an impact returned more than it got.
+    samples_min: fewest steps in contact. loops, loop_rms ...
+    tension_share: number of loops, and the worst of each figure of `LoopScore`; NaN if none was
+    resolved.
     The last four are claims, see CLAIMS: True, False, or None for "not resolved".
     """
 
@@ -221,8 +223,8 @@ class Measured:
     launch: a number that launches share which differ in phase only.
     parted, rested: whether it ended so; an impact that is neither has failed, and counts for no
     error.
-    speed_in: m/s. energy_lost: a share of the kinetic energy. These and e are NaN where there is
-    none.
+    speed_in: m/s.
+    energy_lost: a share of the kinetic energy. These and e are NaN where there is none.
     samples: steps in contact.
     gained: whether any is known to have gained energy.
     """
@@ -248,7 +250,8 @@ class Tally:
     def __init__(self, law: HuntCrossley, mass: float) -> None:
         """A tally without impacts yet.
 
-        law: to score against. mass: effective mass, kg.
+        law: to score against.
+        mass: effective mass, kg.
         """
         self._law = law
         self._mass = mass
@@ -396,6 +399,7 @@ class _Slope:
         points = np.array([np.log(speeds), np.log(loss[lossy])])
         if not self._sums[0]:
             self._first = points[:, 0].copy()
+        # ln v and ln ΔE, less those of the first impact.
         x, y = points - self._first[:, None]
         self._sums += [len(x), x.sum(), y.sum(), (x * x).sum(), (x * y).sum()]
         self._slowest = min(self._slowest, float(speeds.min()))

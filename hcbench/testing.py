@@ -137,8 +137,8 @@ def _promises_e(_: object, recipe: Recipe, __: Scene) -> bool:
 class EngineConformance:
     """Subclass it as `Test...` and name the engine.
 
-    scenes: names of those that it has files for. stock_damping: share of its speed that a body may
-    lose in flight in the engine with nothing set.
+    scenes: names of those that it has files for.
+    stock_damping: share of its speed that a body may lose in flight in the engine with nothing set.
     """
 
     engine: ClassVar[str]
@@ -353,7 +353,10 @@ def _run_where(engine: Engine, function: Callable[..., Answer], *args: Any) -> A
 
 
 def _reading_of(scene: Scene, setting: Setting, fastest: float) -> SpeedReading:
-    """Return the speed reading of a setting's world. fastest: m/s at touch."""
+    """Return the speed reading of a setting's world.
+
+    fastest: m/s at touch.
+    """
     with _load_world(scene, setting, fastest) as world:
         return world.speed_reading
 
@@ -363,8 +366,9 @@ def _record_in(
 ) -> Floats:
     """Penetration, rate and force of b launches at each step, SI, (3, b, n), advanced in parts.
 
-    fastest: speed at touch, m/s. parts: numbers of steps, n in all. Launches are simulated together
-    where a world has places for several, else one after another.
+    fastest: speed at touch, m/s.
+    parts: numbers of steps, n in all. Launches are simulated together where a world has places for
+    several, else one after another.
     """
     of_groups = []
     with _load_world(scene, setting, fastest) as world:

@@ -75,7 +75,8 @@ def result_of(impacts: Impacts, batch: Batch) -> BatchResult:
     """Return the columns and loops that are kept of a batch's impacts.
 
     impacts: one for each launch of the batch, in order. An impact without a loop, such as one that
-    failed, is left out of the loops. Raises what the engine raises, on a device.
+    failed, is left out of the loops.
+    Raises what the engine raises, on a device.
     """
     columns = columns_of(impacts)
     if batch.oblique:
@@ -92,7 +93,8 @@ def _loop(i: int, impacts: Impacts, batch: Batch) -> Loop | None:
     """The loop of one impact; None for one that has none. On a device no step is recorded, and the
     launch is simulated once more.
 
-    i: index of the impact in the batch. Raises what the engine raises, on a device.
+    i: index of the impact in the batch.
+    Raises what the engine raises, on a device.
     """
     impact = impacts[i]
     setting = batch.setting

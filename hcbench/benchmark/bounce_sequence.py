@@ -130,7 +130,9 @@ class Dropped:
 
 def law_heights(law: HuntCrossley, mass: float, height: float, count: int = BOUNCES) -> list[float]:
     """Heights (m) after each of `count` bounces of a drop from `height` (m), by the law (16) under
-    standard gravity, which acts in the contact too. mass: effective, kg.
+    standard gravity, which acts in the contact too.
+
+    mass: effective, kg.
     """
     from hcbench.laws import ode
 
@@ -180,7 +182,8 @@ def plan_drops(plan: Plan, mapper: Callable[..., Iterable[Any]] = map) -> list[D
 def simulate_bounces(scene: Scene, drop: Drop) -> Dropped:
     """Simulate a drop under the scene's gravity, or the standard one where it has none.
 
-    scene: the drop's, with its files as they lie on this machine. Raises what the engine raises.
+    scene: the drop's, with its files as they lie on this machine.
+    Raises what the engine raises.
     """
     with_gravity = dataclasses.replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
     engine = registry.engine(drop.setting.engine)
@@ -197,7 +200,9 @@ def bounce_table(dropped: Sequence[tuple[Drop, Dropped]], alpha: float, encode: 
 
     The metadata has, as JSON, how the body lies at the end of each drop that is followed so long.
 
-    dropped: each drop and its bounces. alpha: of the law, s/m. encode: `parquet` or `arrays`.
+    dropped: each drop and its bounces.
+    alpha: of the law, s/m.
+    encode: `parquet` or `arrays`.
     """
     tables = []
     rests = []

@@ -66,7 +66,9 @@ _COUNTS = "hcbench.counts"
 class _SweepJob(Job):
     """Properties that all parts of a sweep have in common.
 
-    names: of the parameters. files: digest of the model. versions: of what the bytes depend on.
+    names: of the parameters.
+    files: digest of the model.
+    versions: of what the bytes depend on.
     """
 
     names: tuple[str, ...] = ()
@@ -78,7 +80,9 @@ class _SweepJob(Job):
 class SweepPart:
     """Some rows of parameters, which are measured together.
 
-    first: number of the first row in the sweep. rows: (n, number of parameters). name: of the file.
+    first: number of the first row in the sweep.
+    rows: (n, number of parameters).
+    name: of the file.
     """
 
     job: _SweepJob
@@ -94,11 +98,14 @@ class SweepPart:
 class ModelSweep:
     """State of a sweep, or of its shard.
 
-    rows: of parameters, measured until now; of: all. parts: files written by this sweep; there:
-    files that were there when it began. damaged: names of those that were cut short and are
-    measured again.
-    points: speeds (and angles) of all rows; without_e: those without an e, of rows that were
-    refused or crashed the engine, too. lowest, highest: e of all points.
+    rows: of parameters, measured until now.
+    of: all.
+    parts: files written by this sweep.
+    there: files that were there when it began.
+    damaged: names of those that were cut short and are measured again.
+    points: speeds (and angles) of all rows.
+    without_e: those without an e, of rows that were refused or crashed the engine, too.
+    lowest, highest: e of all points.
     """
 
     rows: int
@@ -112,8 +119,11 @@ class ModelSweep:
     highest: float = -math.inf
 
     def with_part(self, rows: int, content: bytes) -> ModelSweep:
-        """The state with one more file. Raises ValueError, OSError or KeyError where it is cut
-        short.
+        """The state with one more file.
+
+        rows: of parameters, in the file.
+        content: bytes of the file, whose metadata have its counts.
+        Raises ValueError, OSError or KeyError where it is cut short.
         """
         counts = json.loads(metadata_in(content)[_COUNTS])
         return replace(
@@ -271,7 +281,9 @@ def _launch(job: _SweepJob, row: Sequence[float]) -> tuple[Request, dict[str, fl
 def _described(job: _SweepJob, facts: Facts, rows: Floats, part_rows: int) -> dict[str, Any]:
     """The content of the folder's description: equal for sweeps whose parts are equal.
 
-    facts: of the model and its pair. rows: of all parts, (n, parameters). part_rows: rows a part.
+    facts: of the model and its pair.
+    rows: of all parts, (n, parameters).
+    part_rows: rows a part.
     """
     launches = {name: value for name, value in asdict(job.request).items() if value is not None}
     return {
@@ -296,7 +308,8 @@ def _parts(
 ) -> list[SweepPart]:
     """All parts of a sweep, in order, each of `size` rows or, the last, fewer.
 
-    rows: of parameters, (n, parameters). described: as of `_described`.
+    rows: of parameters, (n, parameters).
+    described: as of `_described`.
     """
     common = {name: value for name, value in described.items() if not name.startswith("rows")}
     prefix = json_text(common)
@@ -318,8 +331,9 @@ def _begin(files: Files, described: Mapping[str, Any], wanted: set[str]) -> set[
     """Make the folder that of a sweep, or see that it is; return the names of its parts that are
     there.
 
-    described: as of `_described`. wanted: names of all its parts. Raises UserError for a folder of
-    other files, and for one of another sweep.
+    described: as of `_described`.
+    wanted: names of all its parts.
+    Raises UserError for a folder of other files, and for one of another sweep.
     """
     files.require_folder()
     names = files.names()
@@ -395,9 +409,10 @@ def measure_part(part: SweepPart, timeouts: Timeouts) -> bytes:
 
     They depend on the part alone, and in the last digits on the kind of processor.
 
-    timeouts: `start` is the processor time of one row, s. A row on which the engine crashes or hangs
-    has the status "crashed", with the reason. Raises CannotRun where versions or the model's files
-    are not those that the sweep was planned with, and UserError where the model cannot be opened.
+    timeouts: `start` is the processor time of one row, s. A row on which the engine crashes or
+    hangs has the status "crashed", with the reason.
+    Raises CannotRun where versions or the model's files are not those that the sweep was planned
+    with, and UserError where the model cannot be opened.
     """
     use_own_worker()
     job = part.job
@@ -442,8 +457,9 @@ def _measured_rows(
 def _measured(varied: VariedContact, job: _SweepJob, row: Sequence[float]) -> list[dict[str, Any]]:
     """The points that `measure` prints of the model with a row's parameters.
 
-    varied: the model, whose pair can be changed. row: values of the job's parameters. One record
-    without an e, with its reason, where the row is refused or the engine fails.
+    varied: the model, whose pair can be changed.
+    row: values of the job's parameters. One record without an e, with its reason, where the row is
+    refused or the engine fails.
     """
     request, values = _launch(job, row)
     try:
@@ -478,22 +494,31 @@ def _without_e(status: str, reason: str) -> dict[str, Any]:
 
 
 def _table(part: SweepPart, measured: Sequence[list[dict[str, Any]]]) -> bytes:
-    """The bytes of a part's file: one row for each point.
+    """Encode what was measured as the bytes of a file: one row for each point, with the number of
+    its row of parameters, these, and the results. The metadata have counts of the points and the
+    range of e.
 
     measured: the records of each row of parameters.
     """
     job = part.job
-    shown = [f.key for f in _POINT if job.request.is_oblique or not f.oblique]
+    results = [f.key for f in _POINT if job.request.is_oblique or not f.oblique]
     if job.rest:
-        shown += _REST
-    columns: dict[str, list[Any]] = {"row": []}
-    # A parameter may have the name of what is measured.
-    set_to = {name: f"{name}_set" for name in job.names if name in shown}
-    columns |= {(set_to | _COLUMN_OF).get(name, name): [] for name in job.names}
-    columns |= {name: [] for name in (*shown, "status", "reason")}
-    for i, (row, points) in enumerate(zip(part.rows.tolist(), measured, strict=True)):
+        results += _REST
+    results += ["status", "reason"]
+    names = ["row"]
+    for parameter in job.names:
+        name = _COLUMN_OF.get(parameter, parameter)
+        # A parameter may have the name of what is measured.
+        if name in results:
+            name += "_set"
+        names.append(name)
+    names += results
+    columns: dict[str, list[Any]] = {name: [] for name in names}
+    for number, (row, points) in enumerate(
+        zip(part.rows.tolist(), measured, strict=True), part.first
+    ):
         for point in points:
-            values = (part.first + i, *row, *(point[name] for name in (*shown, "status", "reason")))
+            values = (number, *row, *(point[name] for name in results))
             for column, value in zip(columns.values(), values, strict=True):
                 column.append(value)
     e = np.array(columns["restitution"])

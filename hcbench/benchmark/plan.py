@@ -333,7 +333,8 @@ def make_plan(study: Study, mapper: Callable[..., Iterable[Any]] = map) -> Plan:
 def _inputs(study: Study, engines: Sequence[str], versions: Mapping[str, str]) -> dict[str, Inputs]:
     """Inputs of the study's results, by the names of its scenes.
 
-    engines: of its runs. versions: of them and of packages, see `versions_here`.
+    engines: of its runs.
+    versions: of them and of packages, see `versions_here`.
     """
     scenes = {study.scene.name: study.scene}
     for run in study.runs:
@@ -391,7 +392,8 @@ def _require_device(device: str, name: str) -> None:
     """Raises UserError for an engine that cannot compute on a device, CannotRun where this machine
     lacks the device.
 
-    device: such as "gpu". name: of the engine.
+    device: such as "gpu".
+    name: of the engine.
     """
     engine = registry.engine(name)
     if device not in engine.devices:
@@ -440,8 +442,8 @@ def _settings(
     """A setting for each (index of a run, target), in order; with the study's device, if it has
     one.
 
-    mapper: calls the recipes of those that are not kept from an earlier run. Raises what a recipe
-    raises: SettingError for a target that it cannot serve.
+    mapper: calls the recipes of those that are not kept from an earlier run.
+    Raises what a recipe raises: SettingError for a target that it cannot serve.
     """
     jobs: list[_Job] = []
     for number, target in targets:
@@ -497,7 +499,8 @@ def _shard_size(grid: LaunchGrid) -> int:
 def versions_here(*engines: str) -> Mapping[str, str]:
     """Versions of everything that the bytes of a shard depend on: package or engine -> version.
 
-    engines: their names. Raises EngineMissing for one that is not installed.
+    engines: their names.
+    Raises EngineMissing for one that is not installed.
     """
     packages = {name: version(name) for name in ("hcbench", "numpy", "scipy")}
     # Only sweeps need pyarrow.

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,21 +71,30 @@ class Gathered:
     loops: Sequence[tuple[_Launched, Loop]]
 
 
-def gather(job: tuple[Store, Mapping[str, Any], Sequence[tuple[int, str]]]) -> list[Gathered]:
+class ShardsOfSetting(NamedTuple):
+    """The shards of one setting, as one argument, which `map` of a pool of processes hands over.
+
+    study: as plain values, with defaults filled in, SI.
+    shards: (number, file name) of each, in order.
+    """
+
+    store: Store
+    study: Mapping[str, Any]
+    shards: Sequence[tuple[int, str]]
+
+
+def gather(job: ShardsOfSetting) -> list[Gathered]:
     """Fold the impacts of one setting's shards to curves, and score them: one result for each α.
 
-    job: the store; the study as plain values, with defaults filled in, SI; and (number, file name)
-    of each shard, in order. They come as one argument, as `map` of a pool of processes hands them.
     Raises UserError for a damaged shard, OutputError for one that cannot be read.
     """
-    store, study, shards = job
     seen: dict[Key, _Gathering] = {}
-    for number, name in shards:
-        impacts, loops = store.tables(number, name)
+    for number, name in job.shards:
+        impacts, loops = job.store.tables(number, name)
         columns = columns_in(impacts, _READ)
         loops_by_alpha = _loops_in(loops)
         for key, rows in places_of(impacts).items():
-            one = seen.setdefault(key, _Gathering(key, study))
+            one = seen.setdefault(key, _Gathering(key, job.study))
             one.add(_rows(columns, rows), loops_by_alpha.get(one.alpha, {}))
     return [one.gathered() for one in seen.values()]
 
@@ -135,7 +144,8 @@ class _Gathering:
     def __init__(self, key: Key, study: Mapping[str, Any]) -> None:
         """Begin without impacts, for one setting, step and α.
 
-        key: these, values of RUN_KEY. study: as plain values, with defaults filled in, SI.
+        key: these, values of RUN_KEY.
+        study: as plain values, with defaults filled in, SI.
         """
         self._key = key
         self.alpha = float(key[RUN_KEY.index("alpha_s_per_m")])
@@ -152,7 +162,8 @@ class _Gathering:
     def add(self, columns: _Columns, loops: Mapping[_Launched, Loop]) -> None:
         """Add the impacts of a shard, in the order of their launches, and the loops of some.
 
-        columns: arrays of shape (n,), SI. loops: by launch speed, m/s, and phase.
+        columns: arrays of shape (n,), SI.
+        loops: by launch speed, m/s, and phase.
         Impacts wait until there are _PIECE of them, as folding few costs as much as many; those of
         the last place of the curve wait for the next shard, which may have more of them.
         """
@@ -176,7 +187,8 @@ class _Gathering:
     def _looped(self, columns: _Columns, loops: Mapping[_Launched, Loop]) -> Iterator[Impact]:
         """Impacts of the study's loop speeds along the normal, with their loops.
 
-        columns: arrays of shape (n,), SI. loops: by launch speed, m/s, and phase.
+        columns: arrays of shape (n,), SI.
+        loops: by launch speed, m/s, and phase.
         """
         speeds = columns["speed_m_per_s"]
         phases = columns["phase"]
@@ -268,8 +280,8 @@ def is_sweep(folder: str | Path) -> bool:
 def read(folder: str | Path, mapper: Callable[..., Iterable[Any]] = map) -> Results:
     """The results of a finished sweep: for studies of a size that a page can show.
 
-    folder: a path, or an URL that fsspec opens. mapper: scores settings, as `map` does; that of a
-    pool scores them side by side.
+    folder: a path, or an URL that fsspec opens.
+    mapper: scores settings, as `map` does; that of a pool scores them side by side.
     Raises UserError for a folder that holds no sweep, one that is not finished, or a part that is
     damaged; OutputError for one that cannot be read.
     """
@@ -279,9 +291,9 @@ def read(folder: str | Path, mapper: Callable[..., Iterable[Any]] = map) -> Resu
 def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Results:
     """Read a store in as much memory as its page takes: rows are read when they are asked for.
 
-    mapper: scores settings, as `map` does; that of a pool scores them side by side. Raises
-    UserError for a folder that holds no sweep, one that is not finished, or a part that is damaged;
-    OutputError for one that cannot be read.
+    mapper: scores settings, as `map` does; that of a pool scores them side by side.
+    Raises UserError for a folder that holds no sweep, one that is not finished, or a part that is
+    damaged; OutputError for one that cannot be read.
     """
     # Imported here: a sweep itself needs no pandas.
     import pandas as pd
@@ -301,7 +313,7 @@ def results_in(store: Store, mapper: Callable[..., Iterable[Any]] = map) -> Resu
         any_key = next(iter(places_of(impacts)))
         shards_of.setdefault(_setting_of(any_key), []).extend(shards[begin:end])
     by_key: dict[Key, Gathered] = {}
-    jobs = [(store, study, shards_of_setting) for shards_of_setting in shards_of.values()]
+    jobs = [ShardsOfSetting(store, study, of_setting) for of_setting in shards_of.values()]
     for all_alphas in mapper(gather, jobs):
         for gathered in all_alphas:
             by_key[gathered.key] = gathered
@@ -375,7 +387,10 @@ class _StoredRows:
             yield _rounded(frame_of(pieces))
 
     def _decoded(self, shard: tuple[int, str]) -> tuple[dict[str, Any], dict[Key, slice]]:
-        """Columns of a shard, by name, and the rows of each key in them; shard: number and name."""
+        """Columns of a shard, by name, and the rows of each key in them.
+
+        shard: number and name.
+        """
         content, _ = self.store.tables(*shard)
         return columns_in(content), places_of(content)
 

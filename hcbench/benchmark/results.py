@@ -115,7 +115,8 @@ class Folded:
     at_step: the point of the study's step_speed; None where none was launched so.
     depth: the greatest, m.
     restitution: the least and the largest e.
-    off: largest |e - e of (16)|; off_parted: of those that parted.
+    off: largest |e - e of (16)|.
+    off_parted: of those that parted.
     rested: the fastest that came to rest, m/s.
     friction: largest difference between the ratio of impulses and Coulomb's; None where nothing
     slid.
@@ -234,9 +235,11 @@ class Folder:
     ) -> _Part:
         """Fold n impacts of one angle: their curve of e over speed, and one launch of each speed.
 
-        e, law: e of the impact, and of the law at its speed. speed_in, asked: impact speed and
-        launch speed, m/s. samples: steps in contact. phase: where in a step the contact starts, 0
-        to 1. angle: rad, the same for all. Each is of shape (n,).
+        e, law: e of the impact, and of the law at its speed.
+        speed_in, asked: impact speed and launch speed, m/s.
+        samples: steps in contact.
+        phase: where in a step the contact starts, 0 to 1.
+        angle: rad, the same for all. Each is of shape (n,).
         """
         # Speeds that differ by round-off are one point.
         _, group = np.unique(asked.round(12), return_inverse=True)
@@ -395,8 +398,8 @@ class ImpactTable:
     ) -> None:
         """Keep the folded impacts, and a way to read the rows when they are needed.
 
-        folded: by key (setting, α and step), in the study's order. read: rows of some keys, in that
-        order, as data frames one after another.
+        folded: by key (setting, α and step), in the study's order.
+        read: rows of some keys, in that order, as data frames one after another.
         """
         self.folded = folded
         self._read = read
@@ -406,7 +409,8 @@ class ImpactTable:
         """The table of impacts that are in memory: folds them by setting, α and step.
 
         rows: one an impact, with IMPACT_COLUMNS, and FOLDED_OBLIQUE in a study with oblique
-        launches. study: as plain values, with defaults filled in, SI.
+        launches.
+        study: as plain values, with defaults filled in, SI.
         """
         if rows.empty:
             return cls({}, _InMemory({(): rows}))
@@ -537,8 +541,9 @@ class Results(Drawn):
     def read(cls, folder: str | Path) -> Results:
         """Read the results of a folder that `write` wrote, in this schema or the one before.
 
-        folder: its path. Raises UserError for anything else than a path, for results of another
-        schema, and for a folder whose files are missing or have another form.
+        folder: its path.
+        Raises UserError for anything else than a path, for results of another schema, and for a
+        folder whose files are missing or have another form.
         """
         if not isinstance(folder, str | Path):
             raise UserError("folder", f"{folder!r:.80}", "a path")

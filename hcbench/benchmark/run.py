@@ -59,7 +59,8 @@ _TRIES = 2
 class Progress:
     """State of a run.
 
-    impacts, shards: numbers of those in the store; of: the number of all impacts of the study.
+    impacts, shards: numbers of those in the store.
+    of: the number of all impacts of the study.
     resumed: how many whole shards the store had when the run began.
     damaged: numbers of the shards that the store had and that were damaged; they are run again.
     """
@@ -115,9 +116,10 @@ def run_in_pool(
     """Run a study in a pool of processes that has other work before or after; return its results,
     which read their rows from a temporary folder.
 
-    progress: called with (impacts done, impacts in all). Raises UserError for what the study asks
-    wrongly or an engine refuses, EngineMissing, CannotRun where the workers fail, and OutputError
-    where the temporary folder cannot take the results; the folder is then removed.
+    progress: called with (impacts done, impacts in all).
+    Raises UserError for what the study asks wrongly or an engine refuses, EngineMissing, CannotRun
+    where the workers fail, and OutputError where the temporary folder cannot take the results; the
+    folder is then removed.
     """
     from hcbench.benchmark.read import results_in
 
@@ -165,10 +167,10 @@ def sweep(
     timeouts: time limits of an engine; None for the defaults of `Timeouts`.
 
     However it ends, killed included, what is in the folder is whole; a sweep that has been resumed
-    leaves the same bytes as one that was never disturbed. Raises UserError for what the study asks
-    wrongly and for a folder of something else, CannotRun where pyarrow or an engine is missing, the
-    folder is taken or the workers are not what they should be, OutputError where the folder cannot
-    be written.
+    leaves the same bytes as one that was never disturbed.
+    Raises UserError for what the study asks wrongly and for a folder of something else, CannotRun
+    where pyarrow or an engine is missing, the folder is taken or the workers are not what they
+    should be, OutputError where the folder cannot be written.
     """
     require_parquet()
     store = Store(open_files(os.fspath(folder)))
@@ -186,10 +188,10 @@ def sweep(
 def workers_for(executor: Executor | None, scheduler: str | None, jobs: int) -> Iterator[Workers]:
     """The executor of a sweep: one that is given, a Dask cluster, or a pool of our own.
 
-    executor: stays open after the block; the cluster's client and our pool do not. scheduler:
-    address of a Dask scheduler. jobs: processes of our pool, and tasks at once of an executor that
-    does not tell its width. Raises CannotRun where the cluster cannot be reached, has no worker, or
-    goes away.
+    executor: stays open after the block; the cluster's client and our pool do not.
+    scheduler: address of a Dask scheduler.
+    jobs: processes of our pool, and tasks at once of an executor that does not tell its width.
+    Raises CannotRun where the cluster cannot be reached, has no worker, or goes away.
     """
     if executor is not None:
         # Executors of the standard library have the number here, and in no public name.
@@ -288,9 +290,9 @@ def imap_unordered(
 ) -> Iterator[tuple[Job, Result]]:
     """Run jobs in worker processes, and yield (job, its result) as they finish.
 
-    function: called with a job and the timeouts, in a worker. jobs: taken when they are handed out,
-    a few ahead of the workers. A task is one job or several: as many as take `workers.task_s`,
-    judged by the task before.
+    function: called with a job and the timeouts, in a worker.
+    jobs: taken when they are handed out, a few ahead of the workers. A task is one job or several:
+    as many as take `workers.task_s`, judged by the task before.
 
     Raises HcbenchErrors of `function` at once. A task with any other error, such as a worker's
     death, is tried again; CannotRun where that fails too, and where the executor is shut down.
@@ -305,8 +307,8 @@ def imap_unordered(
     def submit(task: list[Job], tries: int) -> None:
         """Hand a task out to a worker.
 
-        tries: number of the try, from 1. Raises CannotRun where the executor takes no work any
-        more.
+        tries: number of the try, from 1.
+        Raises CannotRun where the executor takes no work any more.
         """
         try:
             running[workers.executor.submit(run_jobs, function, task, timeouts)] = task, tries
@@ -316,17 +318,21 @@ def imap_unordered(
                 "executor", str(error), "one that takes work", workers.advice
             ) from error
 
+    def submit_all_again() -> None:
+        """Hand out anew, as the same tries, all tasks that were handed out."""
+        lost = list(running.items())
+        running.clear()
+        for future, (task, tries) in lost:
+            future.cancel()
+            submit(task, tries)
+
     start = workers.start()
     try:
         while True:
             if (now := workers.start()) != start:
-                # A future that was sent on its way to the scheduler before would never end.
+                # What was sent to the scheduler before it started again would never end.
                 start = now
-                lost = list(running.items())
-                running.clear()
-                for future, (task, tries) in lost:
-                    future.cancel()
-                    submit(task, tries)
+                submit_all_again()
             # So many tasks that no worker waits, as long as there are jobs.
             while len(running) < _AHEAD * workers.width() and (
                 task := list(islice(waiting, jobs_a_task))
@@ -342,9 +348,7 @@ def imap_unordered(
                     raise
                 except Exception as error:
                     if tries == _TRIES:
-                        reason = " ".join(f"{type(error).__name__}: {error}".split())
-                        got = f"failed {task[0]} {tries} times: {reason:.200}"
-                        raise CannotRun("executor", got, "", workers.advice) from error
+                        raise _failed_often(task[0], error, workers.advice) from error
                     submit(task, tries + 1)
                 else:
                     yield from zip(task, results, strict=True)
@@ -354,6 +358,16 @@ def imap_unordered(
     finally:
         for future in running:
             future.cancel()
+
+
+def _failed_often(job: object, error: Exception, advice: str) -> CannotRun:
+    """The error to raise for a task that failed _TRIES times.
+
+    job: the task's first.
+    error: of the last try.
+    """
+    reason = " ".join(f"{type(error).__name__}: {error}".split())
+    return CannotRun("executor", f"failed {job} {_TRIES} times: {reason:.200}", "", advice)
 
 
 # A Dask cluster as an executor.
@@ -431,7 +445,8 @@ def _quiet() -> Iterator[None]:
 class _Cluster:
     """The answers of a Dask scheduler, which is asked at most once in _COUNT_S.
 
-    client: Dask's. address: of its scheduler, for errors.
+    client: Dask's.
+    address: of its scheduler, for errors.
     """
 
     def __init__(self, client: Any, address: str) -> None:
@@ -486,8 +501,10 @@ def _without_workers(address: str, advice: str) -> CannotRun:
 def _require_workers(client: Any, address: str) -> None:
     """Wait for the first worker of a cluster, and check the version of hcbench on all.
 
-    client: Dask's. address: of its scheduler, for the error. Raises CannotRun without a worker
-    within _WORKERS_S, and for a worker without hcbench or with another version.
+    client: Dask's.
+    address: of its scheduler, for the error.
+    Raises CannotRun without a worker within _WORKERS_S, and for a worker without hcbench or with
+    another version.
     """
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)

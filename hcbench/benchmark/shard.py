@@ -93,7 +93,8 @@ def run_shard(shard: Shard, timeouts: Timeouts, encode: Encode = parquet) -> Sha
 def simulate_shard(shard: Shard, scene: Scene, encode: Encode) -> ShardFiles:
     """Simulate a shard in this process; return its files.
 
-    scene: the shard's, with its files as they lie here. encode: makes the bytes of a table.
+    scene: the shard's, with its files as they lie here.
+    encode: makes the bytes of a table.
     Raises UserError for what the engine refuses, and EngineFailed for anything else that it raises.
     """
     try:
@@ -139,8 +140,8 @@ def _run(batch: Batch, timeouts: Timeouts) -> BatchResult:
     """Run a batch in a worker process, or where that fails each of its launches alone.
 
     A launch that fails alone is an impact CRASHED, with the reason; after _GIVE_UP of them in a row
-    that killed the worker, the rest is CRASHED without a try. Raises UserError for what the engine
-    refuses.
+    that killed the worker, the rest is CRASHED without a try.
+    Raises UserError for what the engine refuses.
     """
     timestep = batch.setting.timestep
     where = interpreter_of(registry.engine(batch.setting.engine))
@@ -178,7 +179,8 @@ def run_bounces(drop: Drop, timeouts: Timeouts) -> Dropped:
 def _scene_here(inputs: Inputs, engine: str) -> Scene:
     """The scene of planned inputs, with its model files as they lie on this machine.
 
-    inputs: as planned, perhaps on another machine. engine: its name.
+    inputs: as planned, perhaps on another machine.
+    engine: its name.
     Raises CannotRun where versions or files are not those of the plan, and EngineMissing.
     """
     got = []

@@ -54,7 +54,8 @@ class Files:
     def __init__(self, system: Any, root: str, where: str) -> None:
         """The files of a folder, on any file system that fsspec knows; nothing is opened yet.
 
-        system: fsspec's object for the file system. root: path of the folder on it.
+        system: fsspec's object for the file system.
+        root: path of the folder on it.
         where: path or URL of the folder as the user wrote it, for errors.
         """
         self._system = system
@@ -227,8 +228,8 @@ class LocalFiles(Files):
 def open_files(where: str) -> Files:
     """The files in a folder, local or remote; nothing is made yet.
 
-    where: a path or an fsspec URL. Raises UserError for a URL that fsspec does not open, or whose
-    package is not installed.
+    where: a path or an fsspec URL.
+    Raises UserError for a URL that fsspec does not open, or whose package is not installed.
     """
     if "://" not in where:
         return LocalFiles(LocalFileSystem(), str(Path(where).absolute()), where)
@@ -287,8 +288,8 @@ def _myself() -> dict[str, Any]:
 def _taken(where: str, owner: str) -> CannotRun:
     """The error for a folder that another sweep writes to; it is returned, not raised.
 
-    where: the folder. owner: content of the lock file, which a killed sweep may have left
-    incomplete.
+    where: the folder.
+    owner: content of the lock file, which a killed sweep may have left incomplete.
     """
     try:
         content = parse_json(owner)
@@ -358,8 +359,9 @@ class Store:
         """Read the description of the sweep, as a dict of JSON values; None for a folder without
         one.
 
-        Its keys are those of `Plan.described`. Raises UserError for a file of another schema, or
-        that is not what a sweep wrote; OutputError where it cannot be read.
+        Its keys are those of `Plan.described`.
+        Raises UserError for a file of another schema, or that is not what a sweep wrote;
+        OutputError where it cannot be read.
         """
         with self._output_errors("a folder that can be read"):
             if DESCRIPTION not in self._files.names():
@@ -465,8 +467,9 @@ class Store:
         """Impacts and kept loops of a shard, bytes of a table each; no bytes where it kept no
         loops.
 
-        number: of the shard. name: of its file. Raises UserError for a shard that is damaged,
-        OutputError where it cannot be read.
+        number: of the shard.
+        name: of its file.
+        Raises UserError for a shard that is damaged, OutputError where it cannot be read.
         """
         with self._output_errors("a folder that can be read"):
             tables = self._read_shard(number, name)
@@ -479,8 +482,9 @@ class Store:
         """The names of the existing shards, by number.
 
         count: shards of the plan, numbered from 0. Bounces, and files that are not tables, are
-        passed over. Raises UserError for a table that is not one of the shards, and for a shard
-        that is there twice; OutputError where the folder cannot be read.
+        passed over.
+        Raises UserError for a table that is not one of the shards, and for a shard that is there
+        twice; OutputError where the folder cannot be read.
         """
         shards: dict[int, str] = {}
         with self._output_errors("a folder that can be read"):
@@ -511,8 +515,9 @@ class Store:
         """A shard's impacts and kept loops, bytes of a table each, b"" where it kept no loops; None
         if damaged.
 
-        number: of the shard. name: of its file. Damaged: a digest is not the one in the name of the
-        file, or the file of loops is missing. OSError where a file cannot be read.
+        number: of the shard.
+        name: of its file. Damaged: a digest is not the one in the name of the file, or the file of
+        loops is missing. OSError where a file cannot be read.
         """
         impacts = self._files.read(name)
         if _base(name) != _shard_name(number, impacts):
@@ -558,9 +563,10 @@ class Store:
     def write_summary(self, settings: Sequence[Mapping[str, Any]], totals: Totals) -> None:
         """Bring the summary up to date: one line a setting, α and step, in the study's order.
 
-        settings: records with the keys of RUN_KEY, one for each line. totals: sums of all shards
-        until now. A setting of which no shard is done yet gets 0 impacts and empty cells. Raises
-        OutputError.
+        settings: records with the keys of RUN_KEY, one for each line.
+        totals: sums of all shards until now. A setting of which no shard is done yet gets 0 impacts
+        and empty cells.
+        Raises OutputError.
         """
         lines = totals.lines()
         text = io.StringIO()

@@ -108,7 +108,9 @@ _BUILT_IN = (_PACKAGE.parent / "reports", _PACKAGE / "data" / "studies")
 class Run:
     """One line of a study: a recipe at some steps, over some speeds, for some α.
 
-    timesteps: s. alphas: s/m. speeds: at the touch, m/s.
+    timesteps: s.
+    alphas: s/m.
+    speeds: at the touch, m/s.
     scene: with the run's own gravity, friction and place off the axis.
     dropped: bodies fall to touch at these speeds; else they are launched at them.
     angles: from the normal, rad: each launch is made at each of them.
@@ -156,7 +158,9 @@ class Study:
     """Runs of a study, SI. `loop_speeds` are launched too; their loops (at the middle phase) are
     kept and scored.
 
-    alphas: α of the laws, s/m. speeds, loop_speeds: of impacts, m/s. phases: launches a speed.
+    alphas: α of the laws, s/m.
+    speeds, loop_speeds: of impacts, m/s.
+    phases: launches a speed.
     all_loops: keep those at every other speed of the band too, and of the drops, to look at.
     scene: the main one; each run has its own.
     main_alpha, step_speed: the α and the speed that figures of one α or one speed show.
@@ -227,7 +231,8 @@ class Study:
     def of_engines(self, there: Callable[[str], bool]) -> Study:
         """Return the study without the runs of missing engines, which its `missing` names.
 
-        there: whether the engine of a name is installed. Raises StudyError if no engine is left.
+        there: whether the engine of a name is installed.
+        Raises StudyError if no engine is left.
         """
         missing = dict.fromkeys(run.engine for run in self.runs if not there(run.engine))
         runs = tuple(run for run in self.runs if run.engine not in missing)
@@ -294,7 +299,8 @@ def study_from(
 ) -> Study:
     """A Study from a study file's content; `folder` is where relative scene paths start.
 
-    where: name of the file in errors. Raises StudyError for content of another form,
+    where: name of the file in errors.
+    Raises StudyError for content of another form,
     and for a main α or a step's speed that is not among the study's; SceneError for a scene that
     cannot be read.
     """
@@ -353,7 +359,8 @@ def study_from(
 def _with_alphas(table: Table, where: str, folder: Path | None) -> Table:
     """The table with the α of its material, s/m, if it names one; else the table itself.
 
-    where: name of the table in errors. folder: where the path of a material file starts.
+    where: name of the table in errors.
+    folder: where the path of a material file starts.
     Raises StudyError for a material with alphas, and for one that is not known or has no α.
     """
     if table.material is None:
@@ -372,7 +379,8 @@ def _require_short_drop(file: StudyFile, runs: Sequence[Run], where: str) -> Non
     """Raise StudyError where bodies are dropped from so high that too many steps are to be
     simulated.
 
-    file: the study as it was read. runs: its runs, whose steps, s, count where they are dropped.
+    file: the study as it was read.
+    runs: its runs, whose steps, s, count where they are dropped.
     where: name of the study's file in errors. A study without a height for its drops passes.
     """
     if file.train_height is None:
@@ -396,8 +404,10 @@ def _runs(
     """The runs of a [[run]] table: one, or with `default_band` one for each step, dropped over that
     step's own band of speeds.
 
-    where: name of the table in errors. folder: where the path of a scene starts. Raises StudyError
-    for keys that contradict one another, and SceneError for a scene that cannot be read.
+    where: name of the table in errors.
+    folder: where the path of a scene starts.
+    Raises StudyError for keys that contradict one another, and SceneError for a scene that cannot
+    be read.
     """
     run = _run(table, where, file, scene, folder)
     if table.default_band is None:
@@ -418,7 +428,8 @@ def _runs(
 def _run(table: RunTable, where: str, file: StudyFile, scene: Scene, folder: Path | None) -> Run:
     """A run of a study's file; what it leaves out is the study's.
 
-    where: name of the table in errors. folder: where the path of a scene starts.
+    where: name of the table in errors.
+    folder: where the path of a scene starts.
     Raises StudyError for heights with speeds or without gravity, and for gravity, friction or a
     place off the axis that its scene cannot have; SceneError for a scene that cannot be read.
     """
@@ -474,7 +485,8 @@ def preview(study: Study) -> Study:
 
     Without oblique launches, those off the axis, and launches over the band for fewer α than the
     study's: these are the settings that each take a search. A table of engines by step has every
-    second step of the study, so that each has all engines. Raises StudyError where no run is left.
+    second step of the study, so that each has all engines.
+    Raises StudyError where no run is left.
     """
     speeds = study.speeds[3::4]
     if len(speeds) < 2:

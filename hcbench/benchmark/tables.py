@@ -140,9 +140,10 @@ def parquet(
 ) -> bytes:
     """Bytes of a Parquet file with several tables, one below the other.
 
-    tables: columns by name, values or one value for all rows. names: of the columns to write, in
-    this order. metadata: bytes to keep in the file, by key. It needs pyarrow: callers make sure of
-    it by `require_parquet`.
+    tables: columns by name, values or one value for all rows.
+    names: of the columns to write, in this order.
+    metadata: bytes to keep in the file, by key. It needs pyarrow: callers make sure of it by
+    `require_parquet`.
     """
     load_parquet()
     import pyarrow as pa
@@ -235,7 +236,8 @@ def columns_in(content: bytes, names: Collection[str] | None = None) -> dict[str
 def _parquet_columns(content: bytes, names: Collection[str] | None) -> dict[str, Any]:
     """The columns of a Parquet file, arrays by name.
 
-    content: bytes of the file. names: of the columns to read; None: all.
+    content: bytes of the file.
+    names: of the columns to read; None: all.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -323,9 +325,9 @@ def shard_files(shard: Shard, results: Sequence[BatchResult], encode: Encode) ->
     """Make the files of a shard from its batches: the table of impacts, a row for each impact and
     α, that of the loops that are kept, and the summary for each α.
 
-    results: of all its launches, in order, one batch or more. encode: makes the bytes of a table,
-    `parquet` or `arrays`. The file of loops is empty if none was kept. The same impacts give the
-    same bytes.
+    results: of all its launches, in order, one batch or more.
+    encode: makes the bytes of a table, `parquet` or `arrays`. The file of loops is empty if none
+    was kept. The same impacts give the same bytes.
     """
     measured = {}
     for name in results[0].columns:
@@ -374,7 +376,8 @@ def _loops_of_all(results: Sequence[BatchResult]) -> list[tuple[int, Loop]]:
 def _laws(alpha: float, speed: Floats) -> dict[str, Floats]:
     """Columns of the law's e and of 1 - α v at each impact speed; NaN where the speed is NaN.
 
-    alpha: s/m. speed: m/s, (n,), as is each column. For an infinite speed the law's e is NaN.
+    alpha: s/m.
+    speed: m/s, (n,), as is each column. For an infinite speed the law's e is NaN.
     """
     touched = np.isfinite(speed)
     law = np.full(len(speed), np.nan)
@@ -422,7 +425,8 @@ def metadata_of(impacts: bytes) -> tuple[str, list[Summary]]:
     """Read the metadata of a shard's table: the digest of its file of loops, "" for none, and the
     summary for each α.
 
-    impacts: bytes of the table. Raises KeyError for a table that is not of a shard.
+    impacts: bytes of the table.
+    Raises KeyError for a table that is not of a shard.
     """
     metadata = metadata_in(impacts)
     summaries: list[Summary] = json.loads(metadata[_SUMMARY])

@@ -30,7 +30,8 @@ class VariedParameter:
     """A parameter that a sweep varies.
 
     values: those that it takes, SI; of a band its lowest and its highest.
-    is_band: whether every value between the two may be drawn. is_log: evenly by their logarithm.
+    is_band: whether every value between the two may be drawn.
+    is_log: evenly by their logarithm.
     """
 
     name: str
@@ -96,8 +97,8 @@ def rows_of(parameters: Sequence[VariedParameter], samples: int | None, seed: in
     """Rows of values, shape (n, number of parameters), each row once.
 
     samples: rows drawn at random, at most; None: the whole grid, its last parameter fastest. A grid
-    that has no more is taken whole. seed: of the draw; a longer draw of bands begins with the
-    shorter one.
+    that has no more is taken whole.
+    seed: of the draw; a longer draw of bands begins with the shorter one.
 
     Raises UserError for a grid with a band in it, for more than MOST_ROWS, and for a grid of 2^63
     rows or more, from which none are drawn.

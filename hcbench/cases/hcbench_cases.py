@@ -102,9 +102,11 @@ def _with_place(error: Exception) -> str:
 
 def _run_batch(engine: Any, batch: list[Any]) -> None:
     """Step the worlds of (run, result) pairs together, and put "states" into each result, or
-    "unsupported". Raises what the engine raises, ValueError for a wrong number of bodies.
+    "unsupported" for a world that the engine cannot have.
+
+    Raises what the engine raises, and ValueError for a wrong number of bodies.
     """
-    made = []
+    made = []  # (run, its states), of the worlds that the engine has
     for each, result in batch:
         try:
             engine.make(each["world"])
@@ -122,21 +124,29 @@ def _run_batch(engine: Any, batch: list[Any]) -> None:
     for step in range(1 + _last_step(run)):  # the same of all in a batch
         if step:
             engine.step()
-        asked = []  # whether each run records this step
-        for each, _ in made:
-            asked.append(any(first <= step <= last for first, last in each["record"]))
-        if not any(asked):
+        # An engine's state may cost more than its step: it is asked for only where a run keeps it.
+        if not any(_keeps(each, step) for each, _ in made):
             continue
         worlds = engine.state() if is_batch else [engine.state()]
-        for (each, states), is_asked, bodies in zip(made, asked, worlds, strict=True):
-            if not is_asked:
-                continue
-            moving = sum(not body.get("fixed") for body in each["world"]["bodies"])
-            if len(bodies) != moving:
-                raise ValueError(f"step {step}: {len(bodies)} bodies, not {moving}")
-            # Nine digits: far below any tolerance.
-            rounded = [[float(f"{x:.9g}") for x in body] for body in bodies]
-            states.append([step, *rounded])
+        for (each, states), bodies in zip(made, worlds, strict=True):
+            if _keeps(each, step):
+                states.append([step, *_rounded_bodies(each, bodies, step)])
+
+
+def _keeps(each: Json, step: int) -> bool:
+    """True where a run has the state after this step recorded."""
+    return any(first <= step <= last for first, last in each["record"])
+
+
+def _rounded_bodies(each: Json, bodies: Any, step: int) -> list[list[float]]:
+    """States of a run's bodies in nine digits, far below any tolerance.
+
+    Raises ValueError, with the step, for more or fewer of them than the run has moving bodies.
+    """
+    moving = sum(not body.get("fixed") for body in each["world"]["bodies"])
+    if len(bodies) != moving:
+        raise ValueError(f"step {step}: {len(bodies)} bodies, not {moving}")
+    return [[float(f"{x:.9g}") for x in body] for body in bodies]
 
 
 def _last_step(run: Json) -> int:
@@ -179,9 +189,10 @@ def restitution(each: Json, states: States) -> float:
 def _launch_velocity(stated: float, first: float, gain: float) -> float:
     """Velocity at step 0, m/s, of the parabola that an engine's steps follow.
 
-    stated: velocity that the engine was given. first: mean velocity in its first step. gain:
-    velocity of gravity in a step, below 0. That step has none of gravity's share (explicit Euler),
-    half (exact flight), or all (semi-implicit Euler).
+    stated: velocity that the engine was given.
+    first: mean velocity in its first step.
+    gain: velocity of gravity in a step, below 0. That step has none of gravity's share (explicit
+    Euler), half (exact flight), or all (semi-implicit Euler).
     """
     share = min((0.0, 0.5, 1.0), key=lambda x: abs(first - stated - x * gain))
     return stated + (share - 0.5) * gain
@@ -190,8 +201,9 @@ def _launch_velocity(stated: float, first: float, gain: float) -> float:
 def _free_rise(z: dict[int, float], fall: float, touch: float) -> list[int]:
     """Steps of a ball's first rise without contact, in order; none if it rests or hovers.
 
-    z: {step: height}, m. fall: second difference of the height in free flight, m, 0 without
-    gravity, where only steps above the height of the touch, m, are free.
+    z: {step: height}, m.
+    fall: second difference of the height in free flight, m; 0 without gravity.
+    touch: height at which the ball touches, m; without gravity only steps above it are free.
     """
     free: list[int] = []
     is_up = False
@@ -315,8 +327,8 @@ def _judge(case: Json, done: list[Json], combine: Any) -> Json:
     """The verdict on a case, a record as `judge` returns: by the run with the largest error of each
     quantity.
 
-    done: results of the case's runs, in order, as `_run_case` makes them. combine: name of the
-    engine's rule for two restitutions, None without one.
+    done: results of the case's runs, in order, as `_run_case` makes them.
+    combine: name of the engine's rule for two restitutions, None without one.
     """
     worst: Json = {}  # [measured, true, run] of the largest error, by quantity
     off: Json = {}  # that error
@@ -355,7 +367,8 @@ def _is_finite(states: States) -> bool:
 def _compared(each: Json, states: States, combine: Any) -> Any:
     """(name, measured, true) of each number that a run expects, three of a vector.
 
-    combine: as of `_judge`. Raises NotImplementedError for a run with two materials without a rule.
+    combine: as of `_judge`.
+    Raises NotImplementedError for a run with two materials without a rule.
     """
     materials = each["world"].get("materials")
     if materials and combine is None:
@@ -388,7 +401,8 @@ def outcome(verdict: Json, expected: Json) -> tuple[str, str]:
 def junit(verdicts: list[Json], engine: str, expected: Json) -> str:
     """The verdicts of `judge` on one engine as JUnit's XML, a test case each.
 
-    engine: its name. expected: its known failures, {case: reason}.
+    engine: its name.
+    expected: its known failures, {case: reason}.
     """
     root = ET.Element("testsuite", name=f"hcbench-cases {engine}", tests=str(len(verdicts)))
     kinds = []
@@ -415,8 +429,9 @@ def run_apart(
     """Results of an engine in a process of its own, up to the first case that ends it.
 
     That case, or one of more than `limit` s, has errors; those after it are left out.
-    The version is "" where no engine could be made. variant: place of the engine in the adapter's
-    ENGINES. start: runs Python with arguments, and returns its exit code and messages.
+    The version is "" where no engine could be made.
+    variant: place of the engine in the adapter's ENGINES.
+    start: runs Python with arguments, and returns its exit code and messages.
     """
     with tempfile.TemporaryDirectory() as folder:
         lines = Path(folder) / "lines"
@@ -469,7 +484,8 @@ def _work(asked: Any, cases: Json) -> int:
 def _run_every(asked: Any, cases: Json, known: Json) -> int:
     """Run each case of each engine in a process; write the files that were asked for after each.
 
-    known: expected failures, {engine: {case: reason}}. Returns the exit code, see `main`.
+    known: expected failures, {engine: {case: reason}}.
+    Returns the exit code, see `main`.
     """
     failures = 0
     made = 0  # cases for which there was an engine

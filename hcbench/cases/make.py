@@ -61,7 +61,10 @@ def box(
 ) -> Json:
     """A solid box of the density of water, its edges along the axes, without spin.
 
-    half: half edges, m. position: of its centre, m. velocity: m/s. more: other keys of the body.
+    half: half edges, m.
+    position: of its centre, m.
+    velocity: m/s.
+    more: other keys of the body.
     """
     mass = 8000.0 * math.prod(half)
     body = {
@@ -84,7 +87,8 @@ def world(
     """The world of a run: bodies over a floor, the half-space z < 0. e and friction are those of
     every pair.
 
-    timestep: s. gravity: m/s², a vector, or a number that acts downwards.
+    timestep: s.
+    gravity: m/s², a vector, or a number that acts downwards.
     more: other keys, or others in place of these; friction is 0 by default.
     """
     pull = [0.0, 0.0, -gravity] if isinstance(gravity, float) else [*gravity]
@@ -102,8 +106,9 @@ def run(world: Json, record: Sequence[Sequence[int]], **expected: Any) -> Json:
     """One simulation as the file of cases states it, with the true values that are expected of it,
     by quantity.
 
-    world: as `world` makes it. record: spans of steps (first, last) after which the state is kept;
-    the simulation ends with the last.
+    world: as `world` makes it.
+    record: spans of steps (first, last) after which the state is kept; the simulation ends with the
+    last.
     """
     return {
         "world": world,
@@ -116,7 +121,9 @@ def launch(h: float, v: float, phase: float, e: float, **more: Any) -> Json:
     """A run of a ball without gravity that meets the floor at v, with the e expected of it; the
     first and the last three states are kept.
 
-    h: time step, s. v: m/s. phase: share of a step before the touch.
+    h: time step, s.
+    v: m/s.
+    phase: share of a step before the touch.
     more: other keys of the world; `body` has those of the ball.
     """
     start = ball((0, 0, RADIUS + (CLEAR + phase) * v * h), (0, 0, -v), **more.pop("body", {}))
@@ -139,7 +146,8 @@ def case(
     """Decorator that adds a case to the set: of a function that makes its runs, with the title as
     its docstring.
 
-    source: of the true value. equation: the true value in words, for a comment in an engine's test.
+    source: of the true value.
+    equation: the true value in words, for a comment in an engine's test.
     tolerance: by quantity {"value": ..., "reason": ...}.
     """
 
@@ -163,7 +171,9 @@ def fall(h: float, v: float, phase: float, e: float) -> Json:
     """A run of a ball under gravity that meets the floor at v, with the e expected of it; 81 states
     are kept.
 
-    h: time step, s. v: at the touch, m/s. phase: share of a step before the touch.
+    h: time step, s.
+    v: at the touch, m/s.
+    phase: share of a step before the touch.
     The height is by the positions of semi-implicit Euler's steps.
     """
     time = (CLEAR + phase) * h
@@ -234,8 +244,9 @@ def after_sliding_or_sticking(
     """Velocity and surface speed by spin, m/s, after a rigid ball's impact on a floor with
     friction.
 
-    v: of its centre, (x, 0, z < 0), m/s. rim: surface speed by spin about y, m/s. friction:
-    Coulomb's μ.
+    v: of its centre, (x, 0, z < 0), m/s.
+    rim: surface speed by spin about y, m/s.
+    friction: Coulomb's μ.
     Friction's impulse is μ times the normal one, or 2/7 of the slip, which it then stops (Walton
     1993, eqs. 4 ... 6).
     """
@@ -272,9 +283,13 @@ def oblique_run(
 ) -> Json:
     """A run of a ball that meets the floor at an angle, with what is expected of it.
 
-    h: time step, s. v: velocity, m/s. rim: surface speed by spin about y, m/s. e: restitution that
-    is asked for. friction: Coulomb's μ. radius: m. out: velocity and surface speed by spin after,
-    m/s, by the names of the quantities.
+    h: time step, s.
+    v: velocity, m/s.
+    rim: surface speed by spin about y, m/s.
+    e: restitution that is asked for.
+    friction: Coulomb's μ.
+    radius: m.
+    out: velocity and surface speed by spin after, m/s, by the names of the quantities.
     """
     speed = math.hypot(*v)
     # It touches within the third step.
@@ -457,7 +472,9 @@ def depth_in_an_impact() -> Iterator[Json]:
 def mesh(half: Sequence[float], position: Sequence[float], **more: Any) -> Json:
     """A solid box as a mesh of 12 triangles, its edges along the axes; of the density of water.
 
-    half: half edges, m. position: of its centre, m. more: other keys of the body.
+    half: half edges, m.
+    position: of its centre, m.
+    more: other keys of the body.
     """
     corners = [[x, y, z] for x, y, z in product(*((-side, side) for side in half))]
     # Of each face two triangles, counter-clockwise from outside. A corner's number is 4x + 2y + z.

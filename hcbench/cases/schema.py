@@ -129,7 +129,8 @@ def validated(content: Any, kind: Literal["results", "scores"], source: str) -> 
     """The content of a file as it is, if it is of this kind.
 
     kind: "results" of one engine, or "scores" of several.
-    source: the slot in an error. Raises UserError with the first wrong place.
+    source: the slot in an error.
+    Raises UserError with the first wrong place.
     """
     try:
         return _adapter(kind).validate_python(content)
@@ -165,8 +166,8 @@ def type_name(each: dict[str, Any], named: Callable[[str], str] = str) -> str:
     """The type of a field of a JSON Schema, in words such as "list of number"; "any" for a field that
     states none.
 
-    each: the field's part of the schema. named: writes the name of a record that the field refers
-    to.
+    each: the field's part of the schema.
+    named: writes the name of a record that the field refers to.
     """
     if "anyOf" in each:
         return " or ".join(type_name(one, named) for one in each["anyOf"])

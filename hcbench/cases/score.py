@@ -73,11 +73,13 @@ def known_failures() -> dict[str, dict[str, str]]:
 class EngineScore:
     """Score of one engine's results.
 
-    verdicts: of `hcbench_cases.judge`. restitution: "obeyed"; "soft", where it is obeyed deep in the
-    floor; "threshold", where it is obeyed above a speed; "ignored", where the number makes no
-    difference; "mixed"; or None where the first case was not run. threshold: the highest impact
-    speed under gravity that did not bounce, m/s; 0 where all did. gravity: the rebound of an impact
-    under gravity, "e v" or "e (v + g h)"; None where it is neither.
+    verdicts: of `hcbench_cases.judge`.
+    restitution: "obeyed"; "soft", where it is obeyed deep in the floor; "threshold", where it is
+    obeyed above a speed; "ignored", where the number makes no difference; "mixed"; or None where
+    the first case was not run.
+    threshold: the highest impact speed under gravity that did not bounce, m/s; 0 where all did.
+    gravity: the rebound of an impact under gravity, "e v" or "e (v + g h)"; None where it is
+    neither.
     """
 
     engine: str
@@ -107,8 +109,8 @@ class EngineScore:
 def score(results: Json, source: str = "results", only: Sequence[str] = ()) -> EngineScore:
     """Judge the results of one engine, in all cases or in `only` these.
 
-    source: slot of errors. Raises UserError for anything else than results of these cases, and for
-    an unknown case.
+    source: slot of errors.
+    Raises UserError for anything else than results of these cases, and for an unknown case.
     """
     cases = the_cases(only)
     validated(results, "results", source)
@@ -143,7 +145,8 @@ def _require_runs(case: Json, done: Sequence[Json], source: str) -> None:
     """Refuse results of a case where runs are missing, or a run has other states than the case asks
     for, by UserError.
 
-    done: results, one for each run of the case, in order. source: name of the file in the error.
+    done: results, one for each run of the case, in order.
+    source: name of the file in the error.
     """
     if len(done) != len(case["runs"]):
         got = f"{len(done)} of {len(case['runs'])} runs"
@@ -161,7 +164,8 @@ def _require_states(each: Json, states: Sequence[Sequence[Any]], slot: str) -> N
     """Raise UserError for states after other steps, or of more or fewer bodies, than a run asks
     for.
 
-    slot: of the error. states: of each step [step, state of a body, ...].
+    slot: of the error.
+    states: of each step [step, state of a body, ...].
     """
     wanted: list[int] = []
     for first, last in each["record"]:
@@ -248,9 +252,9 @@ def _obedience(runs: Json, cases: Json, verdicts: Sequence[Json]) -> tuple[Obedi
     "obeyed", or "soft" where bodies sink in; else "ignored" where e is the same for all asked for,
     "threshold" where it is as asked for above that speed, "mixed" for all else.
 
-    runs: results by case. verdicts: on the cases, in their order. By the first two cases: normal
-    impacts without gravity, then slow ones under it. None and 0 where they were not run, or have no
-    numbers.
+    runs: results by case.
+    verdicts: on the cases, in their order. By the first two cases: normal impacts without gravity,
+    then slow ones under it. None and 0 where they were not run, or have no numbers.
     Raises ValueError or ArithmeticError for states of a ball that does not move before an impact.
     """
     ids = [case["id"] for case in cases["cases"]]
@@ -348,8 +352,8 @@ def _restitutions(case: Json, results: Sequence[Json]) -> Iterator[_CaseBounce]:
     """Yield the impact of each run of a case that has states; runs that were not supported have
     none.
 
-    results: of the runs, in order. Raises ValueError or ArithmeticError for states of a ball that
-    does not move before an impact.
+    results: of the runs, in order.
+    Raises ValueError or ArithmeticError for states of a ball that does not move before an impact.
     """
     for each, result in zip(case["runs"], results, strict=False):
         if "states" not in result:

@@ -41,7 +41,9 @@ class BaselineImpact(BaseModel):
     """One impact by the keys of BASELINE_IMPACT; restitution NaN where
     there was none, null in the file.
 
-    speed: at launch, m/s. phase: in a step, 0 to 1. height: of a drop, m, else None.
+    speed: at launch, m/s.
+    phase: in a step, 0 to 1.
+    height: of a drop, m, else None.
     slip, spin: at launch, m/s and rad/s, in the directions of `Launch`.
     """
 

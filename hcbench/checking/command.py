@@ -68,7 +68,8 @@ def run_spec(
 
     spec.models: () for the [tool.hcbench] of ./pyproject.toml; a TOML file with such a table; a
     study or the folder of its report; else a model.
-    jobs: worker processes, for a study. progress: called with (done, in all).
+    jobs: worker processes, for a study.
+    progress: called with (done, in all).
     measure_only: no check may have a target; else, unless a baseline is written, each needs one.
     Raises UserError for what cannot be planned, and OutputError for what cannot be written.
     """
@@ -87,8 +88,9 @@ def _run(
 ) -> Report:
     """The report on a model, on each check of a TOML file, or on a study or its results.
 
-    jobs: worker processes, for a study. progress: called with (done, in all). measure_only: no
-    check may have a target.
+    jobs: worker processes, for a study.
+    progress: called with (done, in all).
+    measure_only: no check may have a target.
     Raises UserError for a spec that cannot be planned, before anything runs. Errors of single
     checks become outcomes.
     """
@@ -141,7 +143,8 @@ def _planned(checks: list[Check], outputs: Outputs, measure_only: bool) -> list[
 def _listed(table: dict[str, Any] | None, path: Path, spec: CheckSpec) -> list[Check]:
     """The checks of a file; a limit or baseline given with the file holds for all of them.
 
-    table: of checks in the file, None for a file without one. path: of the file.
+    table: of checks in the file, None for a file without one.
+    path: of the file.
     Raises UserError for other options given with it, for a file without checks, and for a check
     with wrong keys or values, by their names.
     """
@@ -167,7 +170,8 @@ def _listed(table: dict[str, Any] | None, path: Path, spec: CheckSpec) -> list[C
 def _check_study(path: Path, spec: CheckSpec, jobs: int, progress: Progress) -> Report:
     """Hold each setting of a study to its own law: of the results in a folder, or of a run now.
 
-    path: of a study or of the folder of its report. jobs: worker processes.
+    path: of a study or of the folder of its report.
+    jobs: worker processes.
     Raises UserError for options of launches, which the study itself has, and for a path that is
     not a study.
     """

@@ -71,9 +71,9 @@ def run_check(check: Check) -> Outcome:
 def _judge_limits(check: Check) -> Outcome:
     """Verdict on a robot's landings, or on its recorded motion, held to limits.
 
-    A step that does not resolve the landing fails, whatever the limits. Raises UserError for what
-    cannot be dropped and for a motion that cannot be read, EngineFailed where the worker died or
-    hung.
+    A step that does not resolve the landing fails, whatever the limits.
+    Raises UserError for what cannot be dropped and for a motion that cannot be read, EngineFailed
+    where the worker died or hung.
     """
     job = Job(check.source, check.engine, check.request, None, TOLERANCE, diagnose=False)
     if check.drops is not None:
@@ -91,8 +91,9 @@ def _measure(check: Check) -> Measurement:
     """Measure the pair of a check, and look for causes where its e is held against something.
 
     A file is measured in a worker process, within the check's limit; a model object in this one,
-    without a limit. Raises UserError for a pair that cannot be measured, EngineFailed for an engine
-    that crashed or took longer.
+    without a limit.
+    Raises UserError for a pair that cannot be measured, EngineFailed for an engine that crashed or
+    took longer.
     """
     tolerance = TOLERANCE
     if check.wanted is not None:
@@ -115,8 +116,8 @@ def judge(check: Check, measurement: Measurement) -> Outcome:
     """The outcome of a check: its measurement held to the target e, to a baseline, or to nothing;
     then to the limits at rest.
 
-    The verdict is on the phase with the largest error of e, at any speed. Raises UserError for a
-    baseline of another engine.
+    The verdict is on the phase with the largest error of e, at any speed.
+    Raises UserError for a baseline of another engine.
     """
     wanted = _wanted(check, measurement)
     rows = curve_of(measurement.impacts, wanted)
@@ -153,8 +154,8 @@ def _against(check: Check, rows: Sequence[CurvePoint]) -> str:
 def _wanted(check: Check, measurement: Measurement) -> Callable[[Impact], float]:
     """Function that gives the target e of an impact; NaN for one that is held against nothing.
 
-    check: has a curve over speed, a baseline, or neither. Raises UserError for a baseline of
-    another engine.
+    check: has a curve over speed, a baseline, or neither.
+    Raises UserError for a baseline of another engine.
     """
     if check.baseline is not None:
         return _wanted_of_baseline(check.baseline, measurement.facts.engine)
@@ -167,7 +168,8 @@ def _wanted(check: Check, measurement: Measurement) -> Callable[[Impact], float]
 def _wanted_of_baseline(baseline: Baseline, engine: str) -> Callable[[Impact], float]:
     """Function of an impact: e of the same launch in a baseline; NaN for launches that it has not.
 
-    engine: that the model runs in. Raises UserError for a baseline of another engine.
+    engine: that the model runs in.
+    Raises UserError for a baseline of another engine.
     """
     if baseline.engine != engine:
         raise UserError(
@@ -305,7 +307,9 @@ def _judge_run(key: Any, impacts: pd.DataFrame, max_error: float, reading: Readi
     """The verdict on one setting, α and step of a study: FAILED where an impact has no e, or the
     largest error of e at any phase is above the limit.
 
-    key: values of RUN_KEY. impacts: n rows of a study's table, SI. max_error: of e, the limit.
+    key: values of RUN_KEY.
+    impacts: n rows of a study's table, SI.
+    max_error: of e, the limit.
     reading: which law's e is the target.
     """
     run = dict(zip(RUN_KEY, key, strict=True))
@@ -335,8 +339,8 @@ def _judge_run(key: Any, impacts: pd.DataFrame, max_error: float, reading: Readi
 def _rows(impacts: pd.DataFrame, reading: Reading) -> Curve:
     """One point for each speed and angle of a study's impacts, in their order.
 
-    impacts: n rows, with the columns of a study's table, SI. reading: which law's e is the target:
-    that of the column restitution_law or restitution_linear.
+    impacts: n rows, with the columns of a study's table, SI.
+    reading: which law's e is the target: that of the column restitution_law or restitution_linear.
     """
     place = ["speed_m_per_s"]
     angle = np.zeros(len(impacts))

@@ -44,9 +44,12 @@ _ERRORS: dict[Verdict, type[HcbenchError]] = {
 class Outcome:
     """The result of one check.
 
-    name: of the check. against: what it was held against, in words.
+    name: of the check.
+    against: what it was held against, in words.
     max_error: the limit; NaN where it was held against nothing.
-    message: one line. rows: points of the measured curve. worst: the one that decides.
+    message: one line.
+    rows: points of the measured curve.
+    worst: the one that decides.
     measurement: None where the pair could not be measured, and for limits on landings.
     """
 
@@ -202,8 +205,9 @@ def judge_landings(landings: Landings, limits: Sequence[Limit]) -> tuple[Verdict
 def judge_touchdowns(motion: TrajectoryTouchdowns, limits: Sequence[Limit]) -> tuple[Verdict, str]:
     """The verdict on all limits in each foot, and a message that names the worst.
 
-    motion: touchdowns of a recorded motion. limits: on "outside", the share of touchdowns outside
-    the band of speeds, on "normal" or on "slide", the largest speeds, m/s.
+    motion: touchdowns of a recorded motion.
+    limits: on "outside", the share of touchdowns outside the band of speeds, on "normal" or on
+    "slide", the largest speeds, m/s.
     FAILED where no foot touched down. Without a band, a limit on "outside" is exceeded.
     """
     values = []
@@ -227,7 +231,8 @@ def _tilt(tilt: float) -> str:
 def _judge(values: Sequence[tuple[Limit, float, str]], count: str) -> tuple[Verdict, str]:
     """The verdict, and the worst value in words; FAILED without any value.
 
-    values: (limit, value in SI, where it was found). count: of what was looked at, in words.
+    values: (limit, value in SI, where it was found).
+    count: of what was looked at, in words.
     """
     if not values:
         return Verdict.FAILED, f"nothing that a limit could hold of: {count}"

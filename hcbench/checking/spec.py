@@ -146,12 +146,15 @@ class Check:
     """One model compared with one target: `wanted` or `baseline`; neither: only measured, for a new
     baseline.
 
-    source: a file, several, or an object, as in `measure`. engine: None for the first that opens
-    it. request: the pair, its pose and the launches. targets: options that the user gave a target
-    by. max_error: largest |e - wanted| allowed at any speed and phase.
+    source: a file, several, or an object, as in `measure`.
+    engine: None for the first that opens it.
+    request: the pair, its pose and the launches.
+    targets: options that the user gave a target by.
+    max_error: largest |e - wanted| allowed at any speed and phase.
     limit: s, after which it counts as hung; None: see `measure`.
     limits: on landings of a robot, which `drops` says how to drop, or on a recorded motion, the
-    file `trajectory`; in place of a target for e. rest: limits of the pair at rest, None without.
+    file `trajectory`; in place of a target for e.
+    rest: limits of the pair at rest, None without.
     """
 
     name: str
@@ -258,7 +261,8 @@ def _name(spec: CheckSpec) -> str:
 def _targets(spec: CheckSpec, name: str) -> tuple[str, ...]:
     """Names of the options that give a target: at most one for e or limits, and those at rest.
 
-    name: of the check. Raises UserError for more, and for a reading of α without an α.
+    name: of the check.
+    Raises UserError for more, and for a reading of α without an α.
     """
     has_alpha = spec.options["alpha"] is not None or spec.options["material"] is not None
     if spec.options["target"] != "law" and not has_alpha:
@@ -275,10 +279,10 @@ def _targets(spec: CheckSpec, name: str) -> tuple[str, ...]:
 def _limits(options: CheckOptions) -> "tuple[tuple[Limit, ...], DropPlan | None]":
     """Limits on landings or on a recorded motion, and how to drop the robot for the former.
 
-    Without limits () and None; None for how to drop, too, where they are on a motion. Raises
-    UserError for options of a drop or of a motion without limits, for both together, for a name
-    that has no limit and for an unknown controller; QuantityError for a limit, a height or a tilt
-    that is not such a quantity.
+    Without limits () and None; None for how to drop, too, where they are on a motion.
+    Raises UserError for options of a drop or of a motion without limits, for both together, for a
+    name that has no limit and for an unknown controller; QuantityError for a limit, a height or a
+    tilt that is not such a quantity.
     """
     falls: dict[str, Any] = {name: options[name] for name in ("heights", "tilt", "controller")}
     given = {name: value for name, value in falls.items() if value is not None}
@@ -307,8 +311,8 @@ def _limits(options: CheckOptions) -> "tuple[tuple[Limit, ...], DropPlan | None]
 def _as_written(baseline: "Baseline", request: Request, given: LaunchOptions) -> Request:
     """The request with the launches of a baseline, so that both are of the same launches.
 
-    given: the options of launches that the user wrote. Raises UserError where they mean other
-    launches.
+    given: the options of launches that the user wrote.
+    Raises UserError where they mean other launches.
     """
     written = baseline.request(request)
     # A launch has its angle in fewer digits than a user's degrees in rad.
@@ -340,8 +344,8 @@ def read_max_error(value: Quantity | None, default: float = MAX_ERROR) -> float:
 def read_rest_limits(depth: Quantity | None, vibration: Quantity | None) -> RestLimits | None:
     """Limits of the penetration, m, and vibration, m/s, at rest; None where neither is limited.
 
-    depth, vibration: numbers in SI, or text with units. Raises QuantityError for a value below 0
-    and for text that is not a quantity.
+    depth, vibration: numbers in SI, or text with units.
+    Raises QuantityError for a value below 0 and for text that is not a quantity.
     """
     if depth is None and vibration is None:
         return None

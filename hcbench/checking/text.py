@@ -230,8 +230,9 @@ def table_in(content: dict[str, Any], path: Path) -> dict[str, Any] | None:
     """The table of a TOML file: [tool.hcbench], or all of a file that has [[check]]; None without
     one.
 
-    content: of the file. path: of it, for errors. Raises UserError for a [tool.hcbench] that is not
-    a table.
+    content: of the file.
+    path: of it, for errors.
+    Raises UserError for a [tool.hcbench] that is not a table.
     """
     table = None
     if isinstance(content.get("tool"), dict):
@@ -247,7 +248,8 @@ def table_in(content: dict[str, Any], path: Path) -> dict[str, Any] | None:
 def checks_of(path: Path, baseline: Path | None = None) -> list[Check]:
     """The checks that a file lists, planned; the models are not opened.
 
-    path: of the TOML file. baseline: as of `checks_in`.
+    path: of the TOML file.
+    baseline: as of `checks_in`.
     Raises UserError for a file that is not TOML or has no table of checks, for an entry and key
     that cannot be used, by their names, and for two checks of one name.
     """
@@ -259,9 +261,10 @@ def checks_in(
 ) -> list[Check]:
     """Checks that the table of a file lists, planned; the models are not opened.
 
-    content: the table, None for a file without one. path: of the file, from whose folder paths
-    lead. baseline: a file to hold the checks against, in place of the material, α, e or pairs that
-    they name; those with limits on landings or on a motion keep them, as no baseline has any.
+    content: the table, None for a file without one.
+    path: of the file, from whose folder paths lead.
+    baseline: a file to hold the checks against, in place of the material, α, e or pairs that they
+    name; those with limits on landings or on a motion keep them, as no baseline has any.
     Raises UserError that names the entry and key that cannot be used, for a file without a table,
     and for two checks of one name.
     """
@@ -293,7 +296,8 @@ def _complete(
 
     folder: of the file that lists the checks.
     baseline: a file that takes the place of the entry's own target, unless that is limits
-    (`require`). Raises UserError for an entry without a model.
+    (`require`).
+    Raises UserError for an entry without a model.
     """
     if not entry.models:
         raise UserError("model", "none given", "a file, or two URDF files")

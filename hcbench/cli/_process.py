@@ -86,8 +86,8 @@ def wrap_stdio() -> None:
 def _wrap(stream: Any, required: bool) -> Any:
     """The same stream, checked, and with a way to write α where the terminal has none.
 
-    stream: standard output or error; returned as it is unless it is a TextIOWrapper. required:
-    whether a failed write to it is an error.
+    stream: standard output or error; returned as it is unless it is a TextIOWrapper.
+    required: whether a failed write to it is an error.
     """
     if not isinstance(stream, io.TextIOWrapper):
         return stream
@@ -117,9 +117,12 @@ def flush_stdio() -> None:
 
 
 class _Interrupts:
-    """The signals that end a command, as KeyboardInterrupt. came: whether one has.
+    """The signals that end a command, as KeyboardInterrupt.
 
-    _last: when a signal came last; _begin: when the last that counts did, s of time.monotonic.
+    came: whether one has.
+
+    _last: when a signal came last.
+    _begin: when the last that counts did, s of time.monotonic.
     """
 
     came: bool = False
@@ -130,8 +133,9 @@ class _Interrupts:
         """Raise KeyboardInterrupt, but not within an import, where a package would report it as a
         missing module: then the signal comes again a little later.
 
-        number: of the signal. frame: what was running. A signal that comes within _REPEAT_S of the
-        one before counts as one with it.
+        number: of the signal.
+        frame: what was running. A signal that comes within _REPEAT_S of the one before counts as
+        one with it.
         """
         now = time.monotonic()
         # SIGALRM is one that waited, and comes again.
@@ -224,7 +228,8 @@ def _option_of(slot: str, context: click.Context) -> str | None:
     """Find the option that the slot of an error is about; None where the user typed none that it
     may be about.
 
-    slot: name of an argument, such as "max_error". context: of the command that runs.
+    slot: name of an argument, such as "max_error".
+    context: of the command that runs.
     """
     given: set[str] = set()
     for parameter in context.command.params:

@@ -159,8 +159,9 @@ def _engines_beside(scores: Sequence[EngineScore], rows: Sequence[Mapping[str, s
     """Lines of a table with a column for each engine and a row for
     each case, with the case's title.
 
-    scores: at least one. rows: one for each of them, in order: "engine", "version", then each case
-    with its sign, "" where it has none.
+    scores: at least one.
+    rows: one for each of them, in order: "engine", "version", then each case with its sign, ""
+    where it has none.
     """
     from hcbench.system.text import table
 
@@ -221,7 +222,8 @@ def _read_known(path: Path) -> Mapping[str, Mapping[str, str]]:
 def _junit(scores: Sequence[EngineScore], known: Mapping[str, Mapping[str, str]]) -> str:
     """Verdicts as JUnit's XML, a suite for each engine.
 
-    scores: of each engine. known: reasons of known failures, by case, by engine.
+    scores: of each engine.
+    known: reasons of known failures, by case, by engine.
     """
     from hcbench.cases.hcbench_cases import junit
 
@@ -237,7 +239,8 @@ def _require_expected(
     """Raise LimitPassed for the first case that fails and is not known to, or passes and is known
     to fail.
 
-    scores: of each engine. known: reasons of known failures, by case, by engine.
+    scores: of each engine.
+    known: reasons of known failures, by case, by engine.
     """
     from hcbench.cases.hcbench_cases import outcome
 

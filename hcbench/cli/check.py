@@ -56,9 +56,11 @@ def _spec(
     """The check that the options describe; the worker process of its engine is started, so that it
     imports the engine meanwhile.
 
-    models: files as typed. python: "FILE:FUNCTION" in their place. options: others, by the names of
-    `CheckOptions`. required: whether a model or a function must be given. Raises UserError for
-    both, for neither if required, and for options without meaning.
+    models: files as typed.
+    python: "FILE:FUNCTION" in their place.
+    options: others, by the names of `CheckOptions`.
+    required: whether a model or a function must be given.
+    Raises UserError for both, for neither if required, and for options without meaning.
     """
     from hcbench.checking.spec import CheckSpec
     from hcbench.measuring.measure import begin_measuring
@@ -161,11 +163,11 @@ def _next_line(
     """The command to type next: `tune` where the target is missed, else `check`.
 
     It repeats the options of the launches, as far as the command has them: a baseline of another
-    step or pose is another gate. models, python: as they were typed. options: of `check`, by their
-    names.
+    step or pose is another gate.
+    models, python: as they were typed.
+    options: of `check`, by their names.
     """
     from hcbench.cli.tune import tune
-    from hcbench.measuring.measurement import TOLERANCE
     from hcbench.sim import registry
     from hcbench.sim.capabilities import TunesModels
 
@@ -178,16 +180,9 @@ def _next_line(
         if value is not None:
             targets.append(f"--{name} {quote(str(value))}")
     target = " ".join(targets)
-
-    if measurement.wanted is None:
-        # A baseline would keep a bounce that has a cause to be wrong.
-        stays = all(impact.restitution < _NO_BOUNCE for impact in measurement.measured)
-        missed = stays or bool(measurement.causes)
-    else:
-        errors = measurement.errors(measurement.wanted)
-        missed = any(abs(error) > TOLERANCE for _, error in errors)
     engine = registry.engine(facts.engine)
-    if missed and python is None and isinstance(engine, TunesModels):
+    # Settings go into files; a function's model has none.
+    if _misses(measurement) and python is None and isinstance(engine, TunesModels):
         target = target or f"--alpha '{_EXAMPLE_ALPHA}'"
         taken = {parameter.name for parameter in tune.params}
         launches = typed_again(options, [name for name in LAUNCHES if name in taken])
@@ -200,12 +195,26 @@ def _next_line(
     return f"hcbench check {source} --pair {pair}{launches} {target}"
 
 
+def _misses(measurement: Measurement) -> bool:
+    """Say whether e misses the target by more than TOLERANCE; without a target, whether nothing
+    bounces or a cause was found, which a baseline would keep.
+    """
+    from hcbench.measuring.measurement import TOLERANCE
+
+    if measurement.wanted is not None:
+        errors = measurement.errors(measurement.wanted)
+        return any(abs(error) > TOLERANCE for _speed, error in errors)
+    nothing_bounces = all(impact.restitution < _NO_BOUNCE for impact in measurement.measured)
+    return nothing_bounces or bool(measurement.causes)
+
+
 def _measure_trajectory(job: Job, trajectory: Path, limit: float | None, as_json: bool) -> None:
     """Read the touchdowns of a recorded motion, a file, and print them.
 
-    job: its model, engine and pair. limit: s, after which the worker counts as hung. Raises
-    UserError for other arrays, for an engine that reads no recordings and for a model that cannot
-    be opened; EngineFailed where the worker died or hung.
+    job: its model, engine and pair.
+    limit: s, after which the worker counts as hung.
+    Raises UserError for other arrays, for an engine that reads no recordings and for a model that
+    cannot be opened; EngineFailed where the worker died or hung.
     """
     from hcbench.measuring.landing import touchdowns_job, touchdowns_record, touchdowns_text
 
@@ -222,8 +231,10 @@ def _list_pairs(
 ) -> None:
     """Print which parts of a model can meet, and the command that measures the first.
 
-    job: its model, engine and pose. limit: s, after which the worker counts as hung. models,
-    python: as they were typed. Raises UserError for a model that cannot be opened, and EngineFailed.
+    job: its model, engine and pose.
+    limit: s, after which the worker counts as hung. models,
+    python: as they were typed.
+    Raises UserError for a model that cannot be opened, and EngineFailed.
     """
     from hcbench.measuring.measure import list_pairs
     from hcbench.sim.model_under_test import as_records, as_table
@@ -264,8 +275,8 @@ def _measure_each(job: Job, limit: float | None, as_json: bool) -> None:
     """Measure and print every pair that touches at the start; pairs that cannot be measured are
     reported and skipped.
 
-    limit: s, after which a worker counts as hung. Raises UserError where nothing touches, and
-    EngineFailed.
+    limit: s, after which a worker counts as hung.
+    Raises UserError where nothing touches, and EngineFailed.
     """
     from hcbench.measuring.measure import list_pairs, measure_job
     from hcbench.measuring.text import as_record, as_text

@@ -44,8 +44,9 @@ class PathType(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The path, or /dev/stdin for "-" where that is allowed.
 
-        value: as typed. Raises UserError for an empty path, one with a part that is too long, and
-        one that Click refuses.
+        value: as typed.
+        Raises UserError for an empty path, one with a part that is too long, and one that Click
+        refuses.
         """
         slot = param.opts[0] if param else "path"
         if value == "-" and self.allow_dash:
@@ -73,7 +74,10 @@ class _OutputType(PathType):
 
 
 def output_option(name: str, **settings: Any) -> Callable[..., Any]:
-    """An option that names a file to write. settings: as `click.option` takes them."""
+    """An option that names a file to write.
+
+    settings: as `click.option` takes them.
+    """
     return click.option(name, type=_OutputType(path_type=Path), **settings)
 
 
@@ -123,8 +127,9 @@ device_option = click.option(
 def options(
     *names: str, cls: type[click.Option] = click.Option
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Decorator that adds options, by their names in
-    `hcbench.terms.options`. cls: the class of each.
+    """Decorator that adds options, by their names in `hcbench.terms.options`.
+
+    cls: the class of each.
 
     Raises KeyError for an unknown name.
     """
@@ -160,7 +165,9 @@ def options(
 
 def typed_again(options: Mapping[str, Any], names: Sequence[str]) -> str:
     """The options of these names that were given, as a command takes them, each with a space before
-    it. options: values by names of `hcbench.terms.options`; those that it lacks were not given.
+    it.
+
+    options: values by names of `hcbench.terms.options`; those that it lacks were not given.
     """
     words = ""
     for name in names:
@@ -199,8 +206,10 @@ class QuantityType(click.types.StringParamType):
     """A number with or without a unit as a float in SI, or several,
     such as "1:20 in/s", as an array.
 
-    quantity: a name in `units.QUANTITIES`. several: whether a list or a range is read, as an array.
-    positive: whether only values above 0 will do. least: the lowest value that will do, SI.
+    quantity: a name in `units.QUANTITIES`.
+    several: whether a list or a range is read, as an array.
+    positive: whether only values above 0 will do.
+    least: the lowest value that will do, SI.
     """
 
     def __init__(
@@ -395,8 +404,9 @@ def _joined(parts: list[str], line: str, by: str, room: int = 0) -> Iterator[str
     """Fill lines with parts, joined by `by`; all but the first line are indented by four more than
     `line` is.
 
-    line: from which the parts are. room: columns to leave free. The indent is less where the
-    longest part would not fit; a part that is longer than the terminal stays too long.
+    line: from which the parts are.
+    room: columns to leave free. The indent is less where the longest part would not fit; a part
+    that is longer than the terminal stays too long.
     """
     longest = max(map(len, parts[1:]), default=0)
     lead = " " * max(0, min(len(line) - len(line.lstrip()) + 4, WIDTH - room - longest))

@@ -111,7 +111,8 @@ def _record(name: str, about: dict[str, Any]) -> dict[str, Any]:
     """A row of the list of engines, by the keys of `--json`; keys that do not apply have empty
     values.
 
-    name: of the engine. about: values of the keys that apply.
+    name: of the engine.
+    about: values of the keys that apply.
     """
     known: dict[str, Any]
     known = {
@@ -168,7 +169,8 @@ def _elsewhere(made: Environment) -> dict[str, Any]:
 def _described(record: dict[str, Any], with_folder: bool) -> str:
     """An engine in words: its version, or how to install it.
 
-    record: a row of the list, as `_record` makes it. with_folder: whether to name its folder, too.
+    record: a row of the list, as `_record` makes it.
+    with_folder: whether to name its folder, too.
     """
     if not record["version"]:
         install = record["install"]

@@ -42,7 +42,8 @@ class _FilesAfterAgainst(Command):
         """Read `--against b1 b2` as `--against b1 --against b2`; what was typed is kept, for the
         next lines.
 
-        args: words after "fit". Returns those that are left.
+        args: words after "fit".
+        Returns those that are left.
         """
         ctx.meta[_TYPED] = ("fit", *args)
         spread: list[str] = []
@@ -232,9 +233,9 @@ def _fit_force(
     """Fit a file of contact forces and print the result; return False, and print nothing, where
     the file has none.
 
-    kind: of data, in place of what the header says. of_bounces: options that apply to bounces, by
-    name. Raises UserError for one of these that is given for forces, and for a file that cannot be
-    read.
+    kind: of data, in place of what the header says.
+    of_bounces: options that apply to bounces, by name.
+    Raises UserError for one of these that is given for forces, and for a file that cannot be read.
     """
     from hcbench.fitting import force as forces_of
     from hcbench.fitting.read import read_force
@@ -258,8 +259,9 @@ def _next(
 ) -> list[str]:
     """Commands to type next, after a fit.
 
-    engine: that the user named; None: the installed one with the most recipes. scene: one that
-    bounces as the recording did, None without. write_scene: where it is written, None if nowhere.
+    engine: that the user named; None: the installed one with the most recipes.
+    scene: one that bounces as the recording did, None without.
+    write_scene: where it is written, None if nowhere.
     """
     from hcbench.fitting.next_lines import next_lines
 
@@ -298,9 +300,10 @@ def _write(
 ) -> None:
     """Write the files that the options ask for: page, picture, points, material and scene.
 
-    lines: to type next, for the page. force: whether to replace files that hcbench did not write.
-    files: paths by the option's name, None for one that is not given. Raises UserError and
-    OutputError in the option's name.
+    lines: to type next, for the page.
+    force: whether to replace files that hcbench did not write.
+    files: paths by the option's name, None for one that is not given.
+    Raises UserError and OutputError in the option's name.
     """
     from hcbench.fitting.result import points_text
     from hcbench.system.outputs import write_output

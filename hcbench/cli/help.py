@@ -234,7 +234,8 @@ def _place(
     """Title of the group that an option is in, in the help of a command, and the command whose help
     explains the option in place of this one; None where this one does.
 
-    ctx: of the command. groups: its flags by their titles.
+    ctx: of the command.
+    groups: its flags by their titles.
     """
     if _longest_flag(option) in _EVERYWHERE:
         return "Options", "hcbench"
@@ -307,8 +308,8 @@ def described(each: Any) -> Any:
     """The command or group `each`, with its examples and the place of its documentation at the end
     of its help.
 
-    Options of numbers get the words for what they take. Raises KeyError for a command without
-    examples.
+    Options of numbers get the words for what they take.
+    Raises KeyError for a command without examples.
     """
     parameters = list(each.params)
     for command in getattr(each, "commands", {}).values():
@@ -406,8 +407,9 @@ def _known(page: str, names: list[str]) -> str:
 def _section(text: str, anchor: str) -> str:
     """The part of a page, Markdown, from a heading to the next one that is not below it.
 
-    text: of the page. anchor: of the heading, as in the page's address. Raises UserError where the
-    page has none such.
+    text: of the page.
+    anchor: of the heading, as in the page's address.
+    Raises UserError where the page has none such.
     """
     headings = _headings(text)
     anchors = [re.sub(r"[^\w-]", "", h[2].lower().replace(" ", "-")) for h in headings]

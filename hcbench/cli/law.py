@@ -41,6 +41,19 @@ if TYPE_CHECKING:
 
 # hcbench law: what the law says of an impact.
 
+# Fields of an impact in the table, and the title of their column.
+_COLUMNS = {
+    "alpha_s_per_m": "α s/m",
+    "speed_m_per_s": "v_i m/s",
+    "restitution": "e of the law",
+    "restitution_linear": "1 - α v_i",
+    "penetration_max_m": "x_m m",
+    "force_max_n": "F_max N",
+    "duration_s": "t s",
+    "energy_loss_j": "ΔE J",
+    "shear_stress_max_pa": "τ_max Pa",
+}
+
 _several = partial(click.option, multiple=True)
 
 
@@ -95,35 +108,19 @@ def law(
     if as_json:
         print_json(list(map(dataclasses.asdict, rows)))
         return
-    header = (
-        "α s/m",
-        "v_i m/s",
-        "e of the law",
-        "1 - α v_i",
-        "x_m m",
-        "F_max N",
-        "t s",
-        "ΔE J",
-        "τ_max Pa",
-    )
-    values = []
-    for row in rows:
-        texts = []
-        # The last field, the warnings, has no place in the table.
-        for number in dataclasses.astuple(row)[: len(header)]:
-            if number is None:
-                texts.append("-")
-            else:
-                texts.append(f"{number:.5g}")
-        values.append(tuple(texts))
+    cells = [tuple(_cell(getattr(row, name)) for name in _COLUMNS) for row in rows]
     if known is not None:
         show(f"{known.line}\n")
-    show("\n".join(table(header, values)))
+    show("\n".join(table(tuple(_COLUMNS.values()), cells)))
     if stiffness is None:
         print(
             f"x_m ... τ_max: of a steel ball, k = {PAPER_STIFFNESS} (--stiffness), {mass:.4g} kg (--mass)"
         )
     _warn(rows)
+
+
+def _cell(number: float | None) -> str:
+    return "-" if number is None else f"{number:.5g}"
 
 
 def _alphas(known: MaterialPair | None, given: tuple[Floats, ...]) -> list[float]:

@@ -91,10 +91,12 @@ def _report_own(
     folder.
 
     paths: files of poses.
-    size, inertia: of the box, three numbers each, as typed. mass: kg. model: a file with the box in
-    place of these; without it size and mass are needed.
-    identify: whether to search the parameters of the settings on these poses. out: folder of the
-    report; None: reports/ and the name of the first file. jobs: worker processes.
+    size, inertia: of the box, three numbers each, as typed.
+    mass: kg.
+    model: a file with the box in place of these; without it size and mass are needed.
+    identify: whether to search the parameters of the settings on these poses.
+    out: folder of the report; None: reports/ and the name of the first file.
+    jobs: worker processes.
     Raises UserError for missing numbers and for files that cannot be read.
     """
     from hcbench.workers import WorkerPool
@@ -139,11 +141,17 @@ def report_reality(
     """Run the study of measured impacts and write its page; return the page's path. Of a user's own
     poses: print and write what they tell, and return the folder.
 
-    out: folder; None for the default. jobs: worker processes. sets: names of data sets, with
-    commas. data: folder of one set. part: number of the part, of five, to judge. poses: files of a
-    user's own box. size, inertia: of that box, as typed. mass: its, kg. model: a file with it in
-    place of these. identify: search parameters on the data, too. Raises UserError for options that
-    do not go together, and what the study raises.
+    out: folder; None for the default.
+    jobs: worker processes.
+    sets: names of data sets, with commas.
+    data: folder of one set.
+    part: number of the part, of five, to judge.
+    poses: files of a user's own box.
+    size, inertia: of that box, as typed.
+    mass: its, kg.
+    model: a file with it in place of these.
+    identify: search parameters on the data, too.
+    Raises UserError for options that do not go together, and what the study raises.
     """
     from hcbench.workers import WorkerPool
 
@@ -177,12 +185,18 @@ def report_reality(
 def _request(
     sets: str | None, data: Path | None, part: int | None, identify: bool
 ) -> RealityRequest:
-    """The request: data sets with their folders.
+    """The request of a study of measured impacts: its data sets, with their folders.
 
-    A set whose data are missing is left out with a line to stderr. Raises UserError where it was asked
-    for by name, and for the held-out part without its data.
+    sets: names with commas between them, None for all.
+    data: folder of one set, None for the places where hcbench looks.
+    part: number of the part of the data to judge; None: the validation parts.
+    identify: whether to search parameters on the data, too.
+    A set whose data are missing is left out with a line to stderr; data of another version than the
+    study's get a warning there.
+    Raises UserError where a set was asked for by name, and for the held-out part without its data.
     """
     from hcbench.reality import data_sets
+    from hcbench.reality.cube import HELD_OUT
     from hcbench.reality.data_sets import SETS, require_sets
     from hcbench.reality.study import RealityRequest
 
@@ -202,10 +216,9 @@ def _request(
                 f"warning: {name}: {folder} has another version of {data_sets.SOURCES[name].path}",
                 file=sys.stderr,
             )
-    if part == 4 and "cube" in chosen and folders["cube"] is None:
-        raise UserError(
-            "--part", "4, which is not shipped", "--data with the folder of DAIRLab/contact-nets"
-        )
+    if part == HELD_OUT and "cube" in chosen and folders["cube"] is None:
+        got = f"{HELD_OUT}, which is not shipped"
+        raise UserError("--part", got, "--data with the folder of DAIRLab/contact-nets")
     known = [name for name in chosen if folders[name] is not None or not data_sets.missing(name)]
     return RealityRequest(known, folders, part, identify)
 

@@ -58,7 +58,8 @@ def model_options(command: Callable[..., Any]) -> Callable[..., Any]:
 def require_study(given: dict[str, Any], study: str) -> None:
     """Raise UserError where a study is swept with options of a model, or a model without --vary.
 
-    given: options of a model, by their names. study: as typed.
+    given: options of a model, by their names.
+    study: as typed.
     """
     context = click.get_current_context()
     for name in given:
@@ -81,8 +82,10 @@ def sweep_a_model(
     """Measure a model under the contacts that --vary asks for, and print where the rows are, and
     how many there are.
 
-    out: folder; None: sweeps/ and the model's name. scheduler: address of Dask's. device: has to be
-    None. given: other options of the command, by name, as `sweep_model` takes them.
+    out: folder; None: sweeps/ and the model's name.
+    scheduler: address of Dask's.
+    device: has to be None.
+    given: other options of the command, by name, as `sweep_model` takes them.
     Raises UserError for --device, and what `sweep_model` raises.
     """
     if device is not None:

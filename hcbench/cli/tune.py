@@ -73,9 +73,15 @@ def tune_engine(
 ) -> None:
     """Tune an engine, print the answer, and write a script with its setting.
 
-    alpha: α and its standard uncertainty, s/m. kind: of the answer that --plugin, --settings or
-    --constant ask for. scene: its name or folder. max_error: limit of the error of e, None for the
-    default. asked: other arguments of `tuning.ask.tune`.
+    alpha: α and its standard uncertainty, s/m.
+    pair: names of the two bodies in the text to paste, once at most.
+    kind: of the answer that --plugin, --settings or --constant ask for.
+    scene: its name or folder.
+    max_error: limit of the error of e, None for the default.
+    certify: whether to run the whole test for energy on the answer, which then has to pass it.
+    write_scene: file for the script.
+    force: replace a file that hcbench did not write.
+    asked: other arguments of `tuning.ask.tune`.
     Raises LimitPassed where the answer is not as asked, click.Abort where the search is
     interrupted, and what `tune` raises.
     """
@@ -120,16 +126,33 @@ def tune_engine(
         print_json(_as_json(answer, margin, gate))
     else:
         _print(answer, margin, gate)
-        model = _user_model(engine) if write_scene is None else quote(str(write_scene))
-        if model:
-            names = answer.pair if write_scene is None else PAIR
-            line = _next_line(answer, model, joined_names(names), asked["material"])
-            title = "next:"
-            if model == _SCRIPT:
-                bodies = ", ".join(names if all(map(str.isidentifier, names)) else _BODIES)
-                title = f"next, with a FUNCTION that returns World(client, {bodies}):"
-            show(f"\n{title}\n  {line}")
+        _print_next(answer, write_scene, asked["material"])
     _require(answer, limit, gate)
+
+
+def _print_next(answer: Answer, write_scene: Path | None, material: str | None) -> None:
+    """Print the command that shows how the answer's text does in a model; nothing for an engine
+    that opens no models.
+
+    write_scene: the script that was written with the setting, None for none: then the text goes
+    into a model of the user's.
+    material: as it was typed, None for another target.
+    """
+    from hcbench.terms.setting import PAIR
+
+    model = _user_model(answer.engine)
+    # The bodies have the user's names in a model, and hcbench's own in a script that it wrote.
+    names = answer.pair
+    if write_scene is not None:
+        model = quote(str(write_scene))
+        names = PAIR
+    if not model:
+        return
+    title = "next:"
+    if model == _SCRIPT:
+        bodies = ", ".join(names if all(map(str.isidentifier, names)) else _BODIES)
+        title = f"next, with a FUNCTION that returns World(client, {bodies}):"
+    show(f"\n{title}\n  {_next_line(answer, model, joined_names(names), material)}")
 
 
 def _user_model(engine: str) -> str:
@@ -151,7 +174,9 @@ def _user_model(engine: str) -> str:
 def _next_line(answer: Answer, model: str, pair: str, material: str | None) -> str:
     """The command that shows how the pasted text does.
 
-    model: with the text, as a shell takes it. pair: of its bodies. material: as it was typed.
+    model: with the text, as a shell takes it.
+    pair: of its bodies.
+    material: as it was typed.
     """
     target = answer.target
     low, high = answer.best.speeds
@@ -173,8 +198,9 @@ def _require(answer: Answer, max_error: float, gate: Passivity | None) -> None:
     several reasons the first in this order: kind of setting, its flaws, bodies that it is not for,
     error of e, the gate.
 
-    answer: of a search. max_error: largest error of e that is allowed. gate: of `--certify`, None
-    without.
+    answer: of a search.
+    max_error: largest error of e that is allowed.
+    gate: of `--certify`, None without.
     """
     best = answer.best
     if answer.asked is not None and not answer.is_as_asked:
@@ -238,6 +264,7 @@ def _margin(target: Target, alpha: tuple[float, float] | None) -> float:
 
     if alpha is None or target.reading == "points":
         return 0.0
+    # The margin bends slowly over speed: a few speeds find its largest.
     band = np.linspace(target.speed_min, target.speed_max, 13)
     value, uncertainty = alpha
     return Restitution(value, target.reading, uncertainty).margin(band)
@@ -246,22 +273,11 @@ def _margin(target: Target, alpha: tuple[float, float] | None) -> float:
 def _print(answer: Answer, margin: float, gate: Passivity | None) -> None:
     """Print the answer: setting, error, text to paste, other choices, notes.
 
-    margin: of e, by the uncertainty of α. gate: None unless --certify asks for it.
+    margin: of e, by the uncertainty of α.
+    gate: None unless --certify asks for it.
     """
     best = answer.best
-    target = answer.target
-    spheres = "; for spheres: a flat face gains energy" if best.flat is False else ""
-    why = best.tuned.why if best.tuned else "the plug-in gives each impact the e of its own speed"
-    if target.material:
-        show(f"{'material':<20}  {target.material}")
-    show(f"{'setting':<20}  {answer.engine} {best.setting.name}: {why}{spheres}")
-    if best.tuned is not None and (warning := best.tuned.passivity.warning):
-        show(f"{'warning':<20}  {warning}")
-    caution = "" if best.kind == "exact" else answer.caution
-    for name, note in {"caution": caution, "band": answer.band_note}.items():
-        if note:
-            show(f"{name:<20}  {note}")
-    rows = _rows(best, target)
+    rows = {**_setting_rows(answer), **_rows(best, answer.target)}
     if margin:
         rows["uncertainty of α"] = f"e is known to ± {margin:.2g} (95 %)"
     rows["needs"] = "; ".join(best.needs) or "nothing"
@@ -280,8 +296,33 @@ def _print(answer: Answer, margin: float, gate: Passivity | None) -> None:
     if gate is not None:
         _print_gate(gate)
     show("\nNotes:")
-    for line in (*(best.tuned.advice if best.tuned else ()), *best.notes):
+    advice = best.tuned.advice if best.tuned is not None else ()
+    for line in (*advice, *best.notes):
         show(f"- {line}")
+
+
+def _setting_rows(answer: Answer) -> dict[str, str]:
+    """First rows of the answer's table, texts by their titles: the target's material, the setting
+    with the reason for it, and what to beware of; those that do not apply are left out.
+    """
+    best = answer.best
+    why = "the plug-in gives each impact the e of its own speed"
+    warning = ""
+    if best.tuned is not None:
+        why = best.tuned.why
+        warning = best.tuned.passivity.warning
+    spheres = ""
+    if best.flat is False:
+        spheres = "; for spheres: a flat face gains energy"
+    rows = {
+        "material": answer.target.material,
+        "setting": f"{answer.engine} {best.setting.name}: {why}{spheres}",
+        "warning": warning,
+        # It is about the engine's own contact, which the plug-in replaces.
+        "caution": "" if best.kind == "exact" else answer.caution,
+        "band": answer.band_note,
+    }
+    return {title: text for title, text in rows.items() if text}
 
 
 def _print_gate(gate: Passivity) -> None:
@@ -305,7 +346,8 @@ def _verdict(has_passed: bool | None) -> str:
 def _rows(best: Choice, target: Target) -> dict[str, str]:
     """Rows of the table of a choice, values by their titles.
 
-    best: the choice. target: whose words say what e is held against. Values are texts with units.
+    best: the choice.
+    target: whose words say what e is held against. Values are texts with units.
     """
     truth = {"law": "e of the law", "linear": "1 - α v", "points": "the target e"}[target.reading]
     low, high = best.speeds
@@ -389,7 +431,8 @@ def _percent(share: float) -> str:
 def _print_interrupted(interrupt: SearchInterrupted, scene: str, as_json: bool) -> None:
     """Print the best setting when a search was interrupted; it has not been simulated.
 
-    scene: its name, whose form decides on the text to paste. as_json: print JSON in place of lines.
+    scene: its name, whose form decides on the text to paste.
+    as_json: print JSON in place of lines.
     """
     from hcbench.terms.scene import load_scene
     from hcbench.tuning.model import snippet
@@ -416,7 +459,8 @@ def _print_interrupted(interrupt: SearchInterrupted, scene: str, as_json: bool) 
 def _as_json(answer: Answer, margin: float, gate: Passivity | None) -> dict[str, Any]:
     """The answer as `--json` prints it; None for what an exact setting, which needs no run, lacks.
 
-    margin: of e, by the uncertainty of α. gate: None unless --certify asks for it.
+    margin: of e, by the uncertainty of α.
+    gate: None unless --certify asks for it.
     """
     best = answer.best
     tuned = best.tuned
@@ -623,8 +667,10 @@ def _parsed(points: str) -> tuple[tuple[float, float], ...]:
 def _drop(options: dict[str, Any], others: type[click.Option], got: str, expected: str) -> None:
     """Take out the options of the other form of the command, by name.
 
-    options: of the command, changed. others: class of the options to take out. got, expected: words
-    for the error. Raises UserError for one that was given.
+    options: of the command, changed.
+    others: class of the options to take out.
+    got, expected: words for the error.
+    Raises UserError for one that was given.
     """
     context = click.get_current_context()
     for option in context.command.params:

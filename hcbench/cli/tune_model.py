@@ -34,9 +34,12 @@ def tune_model(
 ) -> None:
     """Tune pairs of a model, print the lines and how wrong they are, and write the model with them.
 
-    models: files, or FILE.py:FUNCTION. alpha: α and its standard uncertainty, s/m. max_error: limit
-    of the error of e, None for the default. strict: whether a worse rest is an error. write_model,
-    write_include: files to write. given: other options of the command, by name.
+    models: files, or FILE.py:FUNCTION.
+    alpha: α and its standard uncertainty, s/m.
+    max_error: limit of the error of e, None for the default.
+    strict: whether a worse rest is an error.
+    write_model, write_include: files to write.
+    given: other options of the command, by name.
     Raises LimitPassed where no setting helps or one is beyond a limit, after all is printed.
     """
     from hcbench.measuring.measure import begin_measuring
@@ -72,6 +75,16 @@ def tune_model(
         if tuned.gains:
             line = _next_line(tuned, limit, _tested(tuned, written, models), value, given)
             show(f"\n{_next_title(tuned, written, models)}\n  {line}")
+    _require(tuned, limit, strict)
+
+
+def _require(tuned: TunedModel, limit: float, strict: bool) -> None:
+    """Raise LimitPassed where no setting helps, or where the one that was found is beyond a limit.
+
+    limit: largest error of e that passes.
+    strict: whether a worse rest of the model is an error.
+    """
+    landing = tuned.landing
     # Of a robot's landing e is not the target, and its error no reason to fail.
     if landing is not None and (landing.worse or landing.rebound is not None):
         if tuned.gains:
@@ -125,7 +138,8 @@ def _next_line(
 
     limit: largest error of e that passes.
     model: the tuned model, as a shell takes it.
-    alpha: s/m; given: the other options, by their names.
+    alpha: s/m.
+    given: the other options, by their names.
     """
     pair = tuned.pairs[0]
     # Speeds at launch, as --speeds are; gravity makes those at touch higher.
@@ -170,7 +184,8 @@ def _tested(tuned: TunedModel, written: Path | None, models: tuple[str, ...]) ->
 def _next_title(tuned: TunedModel, written: Path | None, models: tuple[str, ...]) -> str:
     """The line over the command to type next: it says where the lines go that were not written.
 
-    written: the file with the tuned model. models: the user's own.
+    written: the file with the tuned model.
+    models: the user's own.
     """
     if written is not None or not tuned.text:
         return "next:"
@@ -302,23 +317,7 @@ def _print(tuned: TunedModel, limit: float) -> None:
     show(f"{facts.model}, step {time_step(facts.timestep)} s, gravity {gravity} m/s^2")
     show(f"setting: {tuned.name}")
     for pair in tuned.pairs:
-        facts = pair.facts
-        low, high = pair.band
-        attitude = ""
-        if pair.attitude:
-            attitude = f", on its {pair.attitude}"
-        show(
-            f"\n{facts.pair[0]} on {facts.pair[1]}{attitude}, effective mass {facts.effective_mass:.4g} kg"
-        )
-        show(f"contact {facts.meeting}; moved by {facts.moved}")
-        band = f"from {low:.2g} to {high:.2g} m/s"
-        show(
-            f"largest error of e: {as_bound(pair.max_error)} {band}, tuned, in {pair.launches} launches"
-        )
-        show("at touch:")
-        for point in pair.curve:
-            least_most = f"{point.lowest:.4f} ... {point.highest:.4f}"
-            show(f"  {point.speed_in:.3g} m/s: target {point.target:.4f}, {least_most}")
+        _print_pair(pair)
     show("\n" + "\n".join(_table(tuned)))
     for sentence in _reasons(tuned, limit):
         show(f"\n{sentence}")
@@ -336,6 +335,27 @@ def _print(tuned: TunedModel, limit: float) -> None:
         show("\nthe nearest setting, which is not written:\n")
         show_code(tuned.text)
     _print_notes(tuned, limit)
+
+
+def _print_pair(pair: TunedPair) -> None:
+    """Print how a pair bounces with the setting: the two, how they meet, the largest error of e,
+    and at each speed at touch the target and the range of e over the phases.
+    """
+    facts = pair.facts
+    attitude = ""
+    if pair.attitude:
+        attitude = f", on its {pair.attitude}"
+    first, second = facts.pair
+    show(f"\n{first} on {second}{attitude}, effective mass {facts.effective_mass:.4g} kg")
+    show(f"contact {facts.meeting}; moved by {facts.moved}")
+    low, high = pair.band
+    band = f"from {low:.2g} to {high:.2g} m/s"
+    error = as_bound(pair.max_error)
+    show(f"largest error of e: {error} {band}, tuned, in {pair.launches} launches")
+    show("at touch:")
+    for point in pair.curve:
+        least_most = f"{point.lowest:.4f} ... {point.highest:.4f}"
+        show(f"  {point.speed_in:.3g} m/s: target {point.target:.4f}, {least_most}")
 
 
 def _print_notes(tuned: TunedModel, limit: float) -> None:
@@ -511,7 +531,9 @@ def landing_sentences(change: LandingChange) -> list[str]:
 
 def _stiffer(change: LandingChange) -> list[str]:
     """A sentence on whether servos with larger gains reach the rebound that is asked for; none
-    where no other gains were tried. change: with a rebound and the `reach` of settings.
+    where no other gains were tried.
+
+    change: with a rebound and the `reach` of settings.
     """
     assert change.reach is not None
     assert change.rebound is not None

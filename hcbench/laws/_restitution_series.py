@@ -63,8 +63,9 @@ _START = (0.99793785, 1.24335334, -0.36192314, -1.11520903, 0.73747348)
 def _series(d: Floats, top: float) -> Floats:
     """S of e = (1 + t S)/(1 + d), t = d/(5 + d), at numbers 0 <= d <= top; shape (n,), as d.
 
-    d = (3/2) α v_i is left as it is, and its range is not checked. top: LOW or TOP, the end of the
-    range that a Chebyshev series is for. The sum is Clenshaw's recurrence.
+    d = (3/2) α v_i is left as it is, and its range is not checked.
+    top: LOW or TOP, the end of the range that a Chebyshev series is for. The sum is Clenshaw's
+    recurrence.
     """
     series = LOW_SERIES if top == LOW else SERIES
     # Twice the argument of the Chebyshev polynomials: -2 at d = 0, 2 at d = top.
@@ -171,7 +172,7 @@ def inverse_restitution(e: Floats) -> Floats:
     shortfall = 1.0 - e
     start = np.polynomial.polynomial.polyval(e, _START)
     d: Floats = shortfall / e * start
-    # From 0.7 % on, four steps reach the last digits.
+    # The polynomial is wrong by 0.7 % at most: from there four steps reach the last digits.
     for _ in range(4):
         now = restitution_of(d)
         error = np.where(e >= 0.5, shortfall - one_minus_restitution(d), now - e)

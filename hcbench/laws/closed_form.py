@@ -150,13 +150,15 @@ def _low_rate(q: Floats) -> Floats:
 def largest_force_rate(d: Floats, exponent: float) -> Floats:
     """Y = y/d² at the largest force of an impact, y = (3/2) α v of the rate v there; shape of d.
 
-    d: (3/2) α v_i, 0 or more. exponent: n. Pure numbers; (n + 1)/(2n) at d = 0.
+    d: (3/2) α v_i, 0 or more.
+    exponent: n. Pure numbers; (n + 1)/(2n) at d = 0.
     It is the root of n Y + (n + 1) g(d² Y)/d² = (n + 1) g(d)/d², with g(y) = y - ln(1 + y):
     convex, so Newton's method comes down from above.
     """
     n = exponent
     wanted = (n + 1.0) / 2.0 * g_ratio(d)
     share = np.minimum(wanted / n, 1.0 / np.maximum(d, 1e-300))
+    # Four steps reach the last digits for d up to 1500 and n up to 10.
     for _ in range(8):
         y = d * d * share
         excess = n * share + (n + 1.0) / 2.0 * y * share * g_ratio(y) - wanted
@@ -184,7 +186,9 @@ def _refuse(
 ) -> Floats:
     """The values; UserError with the first of those where `wrong` is true.
 
-    slot: name of the argument in the error. wrong: mask of the values' shape. unit: of the values.
+    slot: name of the argument in the error.
+    wrong: mask of the values' shape.
+    unit: of the values.
     expected: what the error asks for.
     """
     if wrong.any():
@@ -197,7 +201,8 @@ def _quadrature_width(law: HuntCrossley, speed: Floats) -> Floats:
     """q = sqrt(2 g(y)) at the touch, where y = d = (3/2) α v_i; over the impact runs from it to its
     negative. The larger, the more nodes a quadrature over the impact needs.
 
-    speed: v_i, m/s; the result has its shape. Raises UserError for an α v above MOST_ALPHA_SPEED.
+    speed: v_i, m/s; the result has its shape.
+    Raises UserError for an α v above MOST_ALPHA_SPEED.
     """
     share = law.alpha * speed
     expected = f"up to {MOST_ALPHA_SPEED:g}, beyond which nothing bounces"
@@ -243,7 +248,8 @@ def alpha_of(restitution: Floats | float, speed: Floats | float) -> Floats:
 def energy_loss(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
     """ΔE = ½ m v_i² (1 - e²) in J, the area of the loop; no digits are lost as e nears 1.
 
-    mass: kg. speed: v_i, m/s; the result has its shape.
+    mass: kg.
+    speed: v_i, m/s; the result has its shape.
     Raises UserError for a mass that is not above 0 and for a speed below 0.
     """
     m = _positive("mass", mass, "kg")
@@ -255,7 +261,8 @@ def energy_loss(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats
 def penetration_max(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
     """Largest penetration x_m of an impact, m, where the body turns; shape of `speed` (v_i, m/s).
 
-    mass: kg. Raises UserError for a mass that is not above 0 and for a speed below 0.
+    mass: kg.
+    Raises UserError for a mass that is not above 0 and for a speed below 0.
     """
     m = _positive("mass", mass, "kg")
     v = _not_negative("speed", speed, "m/s")
@@ -292,8 +299,9 @@ def rate_at(
     """v in m/s at penetrations (m) on the way in (v > 0) or out (v < 0), same shape; NaN beyond the
     largest penetration, and for one below 0.
 
-    mass: kg, above 0. speed: v_i, m/s; at 0 there is no motion, and all is NaN. branch: "approach",
-    the way in, or "rebound", the way out.
+    mass: kg, above 0.
+    speed: v_i, m/s; at 0 there is no motion, and all is NaN.
+    branch: "approach", the way in, or "rebound", the way out.
     Raises UserError for a mass that is not above 0 and for a speed below 0.
     """
     x = np.asarray(penetration, dtype=np.float64)
@@ -325,7 +333,9 @@ def _rate(law: HuntCrossley, speed: float, cosine: Floats) -> tuple[Floats, Floa
 
 
 def duration(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
-    """Time of contact in s, touch to parting; shape of `speed` (v_i, m/s). mass: kg.
+    """Time of contact in s, touch to parting; shape of `speed` (v_i, m/s).
+
+    mass: kg.
 
     Relative error below 1e-13 for α v <= 2 and 5e-10 for α v <= 1000, as n goes from 1 to 10.
     Gauss-Jacobi over cos θ with the ends' weight (1 - cos²θ)^(-n/(n+1)): dt = T0 weight (q/y) d cos
@@ -346,7 +356,10 @@ def duration(law: HuntCrossley, mass: float, speed: Floats | float) -> Floats:
 def elastic_duration(stiffness: float, exponent: float, mass: float, speed: float) -> float:
     """Time of contact in s where nothing is lost: it goes by v^((1-n)/(1+n)), as eq. (8) says.
 
-    stiffness: k, N/m^n. exponent: n. mass: kg. speed: v_i, m/s.
+    stiffness: k, N/m^n.
+    exponent: n.
+    mass: kg.
+    speed: v_i, m/s.
     Raises UserError for a mass or speed that is not above 0, and for a k or n that `HuntCrossley`
     refuses.
     """
@@ -364,8 +377,8 @@ def _time_scale(law: HuntCrossley, mass: float, speed: Floats) -> Floats:
     """T0 = 2 x_m / ((n + 1) v_i sqrt(G)), s, by which times along the path are scaled; shape of
     `speed` (v_i, m/s).
 
-    G = 2 (d - ln(1 + d))/d² with d = (3/2) α v_i. mass: kg, above 0; a speed is above 0, which is
-    not checked.
+    G = 2 (d - ln(1 + d))/d² with d = (3/2) α v_i.
+    mass: kg, above 0; a speed is above 0, which is not checked.
     """
     root = np.sqrt(g_ratio(np.asarray(law.dissipation * speed)))
     return np.asarray(
@@ -377,7 +390,8 @@ def loop(law: HuntCrossley, mass: float, speed: float, count: int = 401) -> Loop
     """One loop from touch to parting: times from touch (s), penetrations x (m), rates (m/s, above 0
     on the way in) and forces (N), (count,) each, nearly even in time.
 
-    mass: kg. speed: v_i, m/s. An odd count has the turning point x_m in its middle.
+    mass: kg.
+    speed: v_i, m/s. An odd count has the turning point x_m in its middle.
     Raises UserError for a mass or speed that is not above 0, for an α v above 1000, and for fewer
     than 3 points or more than _MOST_POINTS.
     """
@@ -402,7 +416,9 @@ def loop(law: HuntCrossley, mass: float, speed: float, count: int = 401) -> Loop
 
 def _elapsed(law: HuntCrossley, speed: float, count: int) -> Floats:
     """Time from the touch, over T0 of `_time_scale`, at each of `count` even θ in 0 ... π; shape
-    (count,). speed: v_i, m/s.
+    (count,).
+
+    speed: v_i, m/s.
 
     θ runs along the impact: q = ±sqrt(2 g(y)) is Q cos θ, Q at the touch, with y = (3/2) α v and
     g(y) = y - ln(1 + y). The time is ∫ sin(θ)^-p (q/y) dθ from 0, p = (n-1)/(n+1). Gauss-Legendre

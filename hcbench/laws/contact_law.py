@@ -163,7 +163,9 @@ def contact_time(law: PluginForceLaw, mass: float, speed: float) -> float:
 def require_resolved(law: Law, mass: float, speed: float, timestep: float) -> None:
     """Raise SettingError for a step that cannot resolve a force law's contact; other laws pass.
 
-    mass: effective, kg. speed: of approach, m/s. timestep: s.
+    mass: effective, kg.
+    speed: of approach, m/s.
+    timestep: s.
     The contact has to last STEPS_OF_A_LAW steps or more.
     """
     if not is_force(law):

@@ -74,7 +74,8 @@ class AdamsImpact:
     def restitution(self, mass: float, speed: float) -> float:
         """e of an effective mass (kg) at an impact speed (m/s), by integration over time.
 
-        0 where the body does not part. Raises UserError for a mass or speed that is not above 0.
+        0 where the body does not part.
+        Raises UserError for a mass or speed that is not above 0.
         """
         # SciPy's integrators are slow to import.
         from hcbench.laws import ode
@@ -222,7 +223,8 @@ class Conversion(Shown):
     alpha: α, s/m.
     speed: where the restitution holds, m/s, or None.
     restitution: e of the law there, restitution_linear: 1 - α v.
-    rows: the contact in each convention. caveats: sentences on what the numbers do not tell.
+    rows: the contact in each convention.
+    caveats: sentences on what the numbers do not tell.
     missing: what has no value, and why, a sentence each.
     """
 
@@ -315,6 +317,7 @@ def contact_of(
         require(name, dissipation, 0.0 <= dissipation < math.inf, "0 s/m or more")
         alpha = dissipation / _OVER_ALPHA[name]
     else:
+        # All others state an e, which at a speed has an α.
         e = restitution
         if solref is not None:
             e = _restitution_of_solref(solref, timestep)
@@ -375,7 +378,10 @@ def said(contact: OneContact, engines: Iterable[Vocabulary | None]) -> Conversio
 
 
 def _needed(slot: str, value: float | None, unit: str) -> float:
-    """Value as given; UserError, in the name of its slot, for None. unit: for the message."""
+    """Value as given; UserError, in the name of its slot, for None.
+
+    unit: for the message.
+    """
     if value is None:
         raise UserError(
             slot, "none", f"a number in {unit}", "The restitution of this contact depends on it"
@@ -386,8 +392,8 @@ def _needed(slot: str, value: float | None, unit: str) -> float:
 def _alpha_of(e: float, speed: float | None, reading: Reading) -> float:
     """α in s/m of the contact that has this e at this speed (m/s).
 
-    reading: "law" if e is that of eq. (16), "linear" if it is 1 - α v. Raises UserError without a
-    speed, and for an e outside 0 < e <= 1.
+    reading: "law" if e is that of eq. (16), "linear" if it is 1 - α v.
+    Raises UserError without a speed, and for an e outside 0 < e <= 1.
     """
     if speed is None:
         raise UserError(

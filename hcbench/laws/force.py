@@ -23,7 +23,8 @@ from hcbench.terms.impact import Floats
 def _real(slot: str, values: Floats | float) -> Floats:
     """The values as an array; an array of NumPy as it is.
 
-    slot: name of the argument. Raises UserError in its name for what is not real numbers.
+    slot: name of the argument.
+    Raises UserError in its name for what is not real numbers.
 
     Solvers call a law's `force` a million times: this is faster than `checked`.
     """

@@ -170,7 +170,8 @@ def contact(one: Surface, two: Surface, angle: float = 0.0) -> EllipticContact:
 def axis_ratio(curvature_ratio: float) -> float:
     """κ = b/a of the ellipse of contact, from the ratio of its curvatures.
 
-    curvature_ratio: A/B, above 0, up to 1 for a circle. Raises UserError outside it.
+    curvature_ratio: A/B, above 0, up to 1 for a circle.
+    Raises UserError outside it.
     Hertz's B/A = (E/κ² - K) / (K - E) is R_D(0, 1, κ²) / R_D(0, κ², 1), which is 1/1 for the circle
     and not 0/0.
     """
@@ -196,8 +197,9 @@ def axis_stresses(
 ) -> tuple[Floats, Floats, Floats]:
     """σ_x, σ_y, σ_z over p0 on the axis below the middle; shape of `depth` each, tension > 0.
 
-    kappa: b/a of the ellipse, up to 1. poisson_ratio: ν. depth: over b, 0 at the surface. x along
-    the long axis.
+    kappa: b/a of the ellipse, up to 1.
+    poisson_ratio: ν.
+    depth: over b, 0 at the surface. x along the long axis.
     A. Sackfield, D. A. Hills, "Some useful results in the classical Hertz contact problem", J.
     Strain Analysis 18, 1983, 101-105, doi 10.1243/03093247V182101, after H. R. Thomas and V. A.
     Hoersch, 1930. Here with e² divided out by hand, so that the circle needs no branch.
@@ -227,7 +229,8 @@ def axis_stresses(
 def largest_shear(kappa: float, poisson_ratio: float) -> tuple[float, float]:
     """Largest shear stress on the axis over p0, and its depth over b.
 
-    kappa: b/a of the ellipse; a circle, 1, with ν = 0.3 gives 0.310 and 0.48. poisson_ratio: ν.
+    kappa: b/a of the ellipse; a circle, 1, with ν = 0.3 gives 0.310 and 0.48.
+    poisson_ratio: ν.
     It is half the difference of the largest and the smallest principal stress, down to a depth of 2
     b.
     """

@@ -63,9 +63,10 @@ def summarize(
 ) -> ImpactSummary:
     """Everything about one impact: mass kg, speed v_i m/s, relative radius R m.
 
-    The radius counts for the shear stress alone, which is None without it, and for an exponent other
-    than 1.5. Raises UserError for a mass or speed that is not above 0, for such a radius at the
-    exponent 1.5, and for an α v above 1000.
+    The radius counts for the shear stress alone, which is None without it, and for an exponent
+    other than 1.5.
+    Raises UserError for a mass or speed that is not above 0, for such a radius at the exponent 1.5,
+    and for an α v above 1000.
     """
     force = float(closed_form.force_max(law, mass, speed))
     shear = None
@@ -88,7 +89,8 @@ def summarize(
 def _warnings(law: HuntCrossley, speed: float, shear: float | None) -> tuple[str, ...]:
     """Sentences on an impact outside the paper's range; empty for one within it.
 
-    speed: at the impact, m/s. shear: largest shear stress, Pa; None where it is not known.
+    speed: at the impact, m/s.
+    shear: largest shear stress, Pa; None where it is not known.
     """
     warnings = []
     # The margin lets 20 in/s itself pass, whatever unit it was converted from.
@@ -124,8 +126,8 @@ def read_adams(given: Adams, slot: str = "adams") -> AdamsImpact:
     """IMPACT of MSC Adams from "k, e, cmax, d", SI or with units (k N/m^e, cmax N s/m, d m); one
     that was read is returned as it is.
 
-    slot: name of the option in errors. Raises UserError for text of other parts, and for numbers
-    that IMPACT does not take.
+    slot: name of the option in errors.
+    Raises UserError for text of other parts, and for numbers that IMPACT does not take.
     """
     if isinstance(given, AdamsImpact):
         return given
@@ -142,9 +144,10 @@ def read_adams(given: Adams, slot: str = "adams") -> AdamsImpact:
 def read_newton(given: Newton, slot: str = "newton") -> NewtonSpring:
     """The contact of Newton from "SOLVER, ke, kd"; one that was read is returned as it is.
 
-    ke and kd: 1/s² and 1/s for a solver that reads them per mass, else N/m and N s/m. slot: name of
-    the option in errors. Raises UserError for text of other parts, for an unknown solver, and for
-    numbers without meaning.
+    ke and kd: 1/s² and 1/s for a solver that reads them per mass, else N/m and N s/m.
+    slot: name of the option in errors.
+    Raises UserError for text of other parts, for an unknown solver, and for numbers without
+    meaning.
     """
     if isinstance(given, NewtonSpring):
         return given
@@ -159,8 +162,9 @@ def read_newton(given: Newton, slot: str = "newton") -> NewtonSpring:
 def _parts(value: Any, slot: str, expected: str, count: int) -> list[str]:
     """The parts of a text between commas, `count` of them, without spaces around each.
 
-    value: the text. Raises UserError with `slot` and `expected`, in words, for another number of
-    parts and for anything but text.
+    value: the text.
+    Raises UserError with `slot` and `expected`, in words, for another number of parts and for
+    anything but text.
     """
     parts = []
     if isinstance(value, str):

@@ -43,8 +43,9 @@ def damping_ratio(law: KelvinVoigt, mass: float) -> float:
 def restitution(zeta: Floats | float, ending: Ending) -> Floats:
     """e at any impact speed for damping ratios ζ; 0 where the body never parts.
 
-    zeta: ζ, 0 or more; e has its shape. ending: condition that ends the contact. Raises UserError
-    for a ζ below 0 or NaN.
+    zeta: ζ, 0 or more; e has its shape.
+    ending: condition that ends the contact.
+    Raises UserError for a ζ below 0 or NaN.
     """
     z = within("zeta", zeta, 0.0, np.inf, "a damping ratio of 0 or more")
     if ending is Ending.FORCE:
@@ -162,8 +163,10 @@ def state(
 ) -> tuple[Floats, Floats]:
     """x (m) and v (m/s) at times since touch (s), as if the two never parted; shape of `time` each.
 
-    law: a spring and damper, F = k x + c v. mass: kg. speed: v_i, m/s. v > 0 on approach. Raises
-    UserError for a mass that is not above 0.
+    law: a spring and damper, F = k x + c v.
+    mass: kg.
+    speed: v_i, m/s. v > 0 on approach.
+    Raises UserError for a mass that is not above 0.
     """
     zeta = damping_ratio(law, mass)
     omega = np.sqrt(law.stiffness / mass)
@@ -178,8 +181,9 @@ def state(
 def loop(law: KelvinVoigt, mass: float, speed: float, ending: Ending, count: int = 401) -> Loop:
     """Loop of one contact: `count` points even in time of x, m, v, m/s, and F, N; Fig. 1(a).
 
-    mass: kg. speed: impact speed, m/s. ending: whether the contact ends at x = 0 (SURFACE) or at F
-    = 0 (FORCE).
+    mass: kg.
+    speed: impact speed, m/s.
+    ending: whether the contact ends at x = 0 (SURFACE) or at F = 0 (FORCE).
     Raises UserError for a mass or speed that is not above 0, and for a contact that never ends: x =
     0 needs a damping ratio below 1.
     """

@@ -49,7 +49,8 @@ def impact(
 ) -> Impact:
     """One impact of a body with a fixed plate, from touch to parting, with its loop of force.
 
-    law: the force, N, over penetration and rate. mass: effective, kg.
+    law: the force, N, over penetration and rate.
+    mass: effective, kg.
     speed: v_i at touch, m/s.
     gravity: m/s² towards the plate, acting through the contact too.
     ending: parting where x = 0, or already where F = 0 (matters to laws that pull).
@@ -116,8 +117,10 @@ def impact(
 def _depth_scale(law: ForceLaw, mass: float, speed: float) -> float:
     """Depth scale X of an impact, m, with F(X, 0) X = m v_i².
 
-    law: F in N over m. mass: m, kg. speed: v_i, m/s. Raises UserError for a law that stores this
-    energy nowhere between 1e-15 and 1e3 m.
+    law: F in N over m.
+    mass: m, kg.
+    speed: v_i, m/s.
+    Raises UserError for a law that stores this energy nowhere between 1e-15 and 1e3 m.
     """
     energy = mass * speed**2
 
@@ -161,11 +164,13 @@ def _solve(
     """Solve dξ/dτ = η, dη/dτ = -F inertia + weight from (0, 1), in units of depth and impact speed.
 
     force: F in N over ξ and η.
-    inertia: X/(m v_i²), 1/N; weight: g X/v_i², without unit.
-    ending: parting where x = 0, or already where F = 0. tolerance: relative error of a step.
+    inertia: X/(m v_i²), 1/N.
+    weight: g X/v_i², without unit.
+    ending: parting where x = 0, or already where F = 0.
+    tolerance: relative error of a step.
     step_max: largest step in τ.
-    Returns SciPy's solution: states (ξ, η) over τ, also between steps, up to the parting or LONGEST;
-    its events are, in this order: x = 0, F = 0, turning, turning back.
+    Returns SciPy's solution: states (ξ, η) over τ, also between steps, up to the parting or
+    LONGEST; its events are, in this order: x = 0, F = 0, turning, turning back.
     Raises EngineFailed where SciPy gives up.
     """
 
@@ -187,12 +192,13 @@ def _solve(
     def turning_back(_: float, state: Floats) -> float:
         return float(state[1])
 
-    # Each is an event where its function falls through 0; turning back where it rises. The turning
-    # point alone does not end the contact.
-    events: list[Any] = [surface, pushing, turning, turning_back]
-    for event, terminal, direction in zip(events, (1, 1, 0, 1), (-1, -1, -1, 1), strict=True):
-        event.terminal = bool(terminal)
-        event.direction = direction
+    events = [
+        _event(surface),
+        _event(pushing),
+        # The turning point tells the largest penetration.
+        _event(turning, ends_contact=False),
+        _event(turning_back, is_rising=True),
+    ]
     first_step = step_max
     if math.isfinite(tolerance):
         first_step = min(step_max, 1e-3)
@@ -213,11 +219,29 @@ def _solve(
     return path
 
 
+def _event(
+    function: Callable[[float, Floats], float],
+    *,
+    ends_contact: bool = True,
+    is_rising: bool = False,
+) -> Any:
+    """Make a function an event of SciPy's `solve_ivp`: where its value falls through 0.
+
+    function: of τ and the state (ξ, η).
+    ends_contact: whether the integration ends there.
+    is_rising: the event is where the value rises through 0, instead.
+    """
+    event: Any = function
+    event.terminal = ends_contact
+    event.direction = 1 if is_rising else -1
+    return event
+
+
 def _largest(force: Callable[[float], float], tau: Floats, sampled: Floats) -> float:
     """Largest force, N: that of the samples, improved between the neighbours of its sample.
 
-    force: N, over the time τ without unit. tau, sampled: times and forces of the samples, shape
-    (n,).
+    force: N, over the time τ without unit.
+    tau, sampled: times and forces of the samples, shape (n,).
     """
     top = int(sampled.argmax())
     low = tau[max(top - 1, 0)]

@@ -61,7 +61,8 @@ class PublishedLaw:
         """The damping factor χ of F = k x^n (1 + χ v/v_i) for restitutions asked for, a pure
         number; same shape.
 
-        e: 0 ... 1. Raises UserError outside it, and at 0 where χ is infinite.
+        e: 0 ... 1.
+        Raises UserError outside it, and at 0 where χ is infinite.
         """
         values = np.asarray(e, dtype=float)
         slot = f"restitution of {self.name}"

@@ -81,7 +81,8 @@ class Restitution(RestitutionCurve):
 
         penetration: m, at the step's start.
         rate: m/s, above 0 on approach, at the step's start.
-        timestep: h, s. gravity: g towards the plate, m/s².
+        timestep: h, s.
+        gravity: g towards the plate, m/s².
         Free flight keeps U² = (v + g h/2)² - 2 g x, U the speed at the touch plane; after a step of
         h the body is at x - h s, with a rate of -s. Returned is s; 0 for a body too slow to leave.
         Same shape as penetration and rate.
@@ -144,8 +145,8 @@ class ConstantRestitution(RestitutionCurve):
 class MeasuredRestitution(RestitutionCurve):
     """e measured at some impact speeds: straight lines between the points, constant beyond them.
 
-    points: pairs (v m/s, e) in any order. Raises SettingError for
-    none and for an e outside 0 ... 1.
+    points: pairs (v m/s, e) in any order.
+    Raises SettingError for none and for an e outside 0 ... 1.
     """
 
     points: tuple[tuple[float, float], ...]

@@ -27,7 +27,8 @@ def root(
     inverse parabola where it falls well within the bracket, else its middle. The same bits as
     SciPy's brentq.
     Unlike signs are not checked: with like signs x is one of the ends. After _MOST_STEPS the last
-    guess is returned. Raises what `function` raises.
+    guess is returned.
+    Raises what `function` raises.
     """
     before = low
     f_before = function(before)
@@ -82,8 +83,8 @@ def _guess(a: float, b: float, c: float, f_a: float, f_b: float, f_c: float) -> 
     """Step from b to the root of the secant through a and b, or of the inverse parabola through all
     three.
 
-    f_a, f_b, f_c: values of the function there. With a == c it is the secant. Returns inf where the
-    product of the slopes underflows.
+    f_a, f_b, f_c: values of the function there. With a == c it is the secant.
+    Returns inf where the product of the slopes underflows.
     """
     if a == c:
         return -f_b * (b - a) / (f_b - f_a)
@@ -114,7 +115,8 @@ def minimum(
     falls well within the interval, else golden section. The same bits as SciPy's bounded
     `minimize_scalar`.
     Of several minima it finds one; at an end, x stays a little inside. After _MOST_VALUES the best
-    point is returned. Raises what `function` raises.
+    point is returned.
+    Raises what `function` raises.
     """
     # The best three points until now, x first, and their values.
     x = second = third = low + _GOLDEN * (high - low)
@@ -180,7 +182,8 @@ def _to_vertex(
 
     from_second, from_third: of the best point, less the second best and the third best.
     above_second, above_third: value of the best point, less theirs.
-    earlier: the step before the last. to_ends: steps to the interval's ends.
+    earlier: the step before the last.
+    to_ends: steps to the interval's ends.
     """
     # Brent's p and q: the step is p/q, which is not computed unless it is taken, since q may be 0.
     r = from_second * above_third

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -52,10 +52,12 @@ _FOLLOWED = 1024
 class ContactImpact:
     """The contact in impacts at one launch speed, means over their phases, SI; NaN without a number.
 
-    point: e of them. duration: of the contact. penetration, force: the largest.
+    point: e of them.
+    duration: of the contact.
+    penetration, force: the largest.
     stiffness, damping: of the spring and damper whose force is nearest to the contact's in the
-    first touch, with a constant force beside them; misfit: what that leaves, rms over the largest
-    force.
+    first touch, with a constant force beside them.
+    misfit: what that leaves, rms over the largest force.
     damping_ratio: damping over that of the aperiodic limit, 2 √(stiffness · effective mass); NaN
     where joints and servos act, too.
     """
@@ -165,10 +167,11 @@ def contact_over_steps(
     """The meaning of a contact with its `steps` filled in: e of the fastest launches at the model's
     time step and at shorter and longer ones.
 
-    request: its highest speed is launched. timestep: the model's, s; steps are its multiples by
-    SHARES_OF_STEP, up to the first above 1 that is not stable. at_step: opens the same pair at a
-    time step, s. A step at which the pair cannot be opened has no point; errors that are not
-    hcbench's are raised.
+    request: its highest speed is launched.
+    timestep: the model's, s; steps are its multiples by SHARES_OF_STEP, up to the first above 1
+    that is not stable.
+    at_step: opens the same pair at a time step, s. A step at which the pair cannot be opened has no
+    point; errors that are not hcbench's are raised.
     """
     many = replace(request, phases=tuple((k + 0.5) / _PHASES for k in range(_PHASES)))
     launches = _straight(many, max(request.speeds))
@@ -197,8 +200,9 @@ def _at_another_step(
     """Launch a pair at another time step: e of launches of one speed, or no point where the model
     cannot be launched at this step.
 
-    timestep: s. at_step: opens the pair at a time step, s. An HcbenchError, such as for a step
-    beyond all bounds, means that it cannot; other errors are raised.
+    timestep: s.
+    at_step: opens the pair at a time step, s. An HcbenchError, such as for a step beyond all
+    bounds, means that it cannot; other errors are raised.
     """
     try:
         with at_step(timestep) as model:
@@ -224,28 +228,29 @@ def _impact(model: ModelUnderTest, launches: Sequence[Launch]) -> ContactImpact:
     """
     impacts = simulate.impacts_in(model, launches)
     touches = [_first_touch(model, launch) for launch in launches]
-    stiffness = damping = misfit = math.nan
+    fit = SpringFit()
     if min(touch.shape[1] for touch in touches) >= _STEPS_TO_FIT:
-        stiffness, damping, misfit = spring_and_damper(*np.concatenate(touches, axis=1))
+        fit = spring_and_damper(*np.concatenate(touches, axis=1))
+        # RK4 tells the force of a stage beside the depth of the step.
         of_stages = model.speed_reading is SpeedReading.TOUCH_PLANE_EXACT_FLIGHT
-        if of_stages or not (stiffness > 0.0 and misfit <= _MISFIT_MAX):
-            # Such as impulses that stop a body within a step: no spring is like that. RK4 tells the
-            # force of a stage beside the depth of the step.
-            stiffness = damping = math.nan
+        # Impulses that stop a body within a step are like no spring.
+        is_like_one = fit.stiffness > 0.0 and fit.misfit <= _MISFIT_MAX
+        if of_stages or not is_like_one:
+            fit = SpringFit(misfit=fit.misfit)
     facts = model.facts()
     ratio = math.nan
-    if stiffness > 0.0 and not facts.shares:
-        ratio = damping / (2.0 * math.sqrt(stiffness * facts.effective_mass))
+    if fit.stiffness > 0.0 and not facts.shares:
+        ratio = fit.damping / (2.0 * math.sqrt(fit.stiffness * facts.effective_mass))
     parted = [impact for impact in impacts if impact.status is Status.PARTED]
     return ContactImpact(
         point=_point(impacts),
         duration=_mean([impact.duration for impact in parted]),
         penetration=_mean([impact.penetration_max for impact in impacts]),
         force=_mean([impact.force_max for impact in impacts]),
-        stiffness=stiffness,
-        damping=damping,
+        stiffness=fit.stiffness,
+        damping=fit.damping,
         damping_ratio=ratio,
-        misfit=misfit,
+        misfit=fit.misfit,
     )
 
 
@@ -283,29 +288,40 @@ def _first_touch(model: ModelUnderTest, launch: Launch) -> Floats:
     return touch[:, np.isfinite(touch).all(axis=0)]
 
 
-def spring_and_damper(
-    penetration: Floats, rate: Floats, force: Floats
-) -> tuple[float, float, float]:
-    """Fit force = k penetration + c rate + constant by least squares.
+class SpringFit(NamedTuple):
+    """The spring and damper nearest to a force; NaN where there is none.
+
+    stiffness: k, N/m.
+    damping: c, N s/m.
+    misfit: rms of the force that they leave, over the largest force.
+    """
+
+    stiffness: float = math.nan
+    damping: float = math.nan
+    misfit: float = math.nan
+
+
+def spring_and_damper(penetration: Floats, rate: Floats, force: Floats) -> SpringFit:
+    """Fit force = k penetration + c rate + constant by least squares; all NaN where the steps do
+    not tell k, c and the constant apart.
 
     penetration (m), rate (m/s) and force (N): of the steps in contact, (n,) each.
-    Returns k (N/m), c (N s/m) and the misfit: rms of what they leave, over the largest force. All
-    three are NaN where the steps do not tell them apart. The constant is part of a soft
-    constraint's force: its share of what else accelerates the body.
+    The constant, which is left out of the result, is part of a soft constraint's force: its share
+    of what else accelerates the body.
     """
     columns = np.array([penetration, rate, np.ones(len(force))])
     # Metres and metres a second differ by orders: columns of like size keep the digits.
     sizes = np.abs(columns).max(axis=1)
     if not sizes.all():
-        return math.nan, math.nan, math.nan
+        return SpringFit()
     scaled = (columns / sizes[:, None]).T
     solution, _, rank, _ = np.linalg.lstsq(scaled, force, rcond=1e-9)
     if rank < len(columns):
-        return math.nan, math.nan, math.nan
+        return SpringFit()
     residual = force - scaled @ solution
     misfit = float(np.sqrt(np.mean(residual**2)) / np.abs(force).max())
     stiffness, damping, _ = (solution / sizes).tolist()
-    return stiffness, damping, misfit
+    return SpringFit(stiffness, damping, misfit)
 
 
 def as_lines(meaning: ContactMeaning) -> list[str]:

@@ -178,9 +178,10 @@ def worst_of(points: Iterable[CurvePoint]) -> CurvePoint | None:
 class _Phases:
     """Impacts that count for the numbers of k points, in the order of points and their phases.
 
-    count: k. rows: numbers of these m impacts among all, (m,).
-    known: points that have any, rising, (p,). starts, sizes: where each of these begins in `rows`,
-    and how many of its impacts count, (p,).
+    count: k.
+    rows: numbers of these m impacts among all, (m,).
+    known: points that have any, rising, (p,).
+    starts, sizes: where each of these begins in `rows`, and how many of its impacts count, (p,).
     share: of the time step that each impact stands for, (m,); a point's add up to 1.
     """
 
@@ -234,8 +235,9 @@ def curve_of_columns(
     groups.
 
     group: number of the point that an impact belongs to, each of 0 to k - 1 at least once.
-    speed: at launch, m/s; angle: from the normal, rad; phase: share of a step; each impact of a
-    group has its own phase.
+    speed: at launch, m/s.
+    angle: from the normal, rad.
+    phase: share of a step; each impact of a group has its own phase.
     speed_in: at the touch, m/s.
     restitution: NaN for an impact without an e.
     target: NaN for an impact that is held against nothing.

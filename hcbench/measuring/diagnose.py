@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -79,8 +79,8 @@ def energy_gain(impacts: Sequence[Impact], step: StepFix) -> Iterator[Suspect]:
     """Yield the suspect of a step that does not resolve the contact, where a body leaves faster
     than it came; at most one.
 
-    impacts: of the model as it is. step: the engine's way to set a step; the fix takes a twentieth
-    of it or less.
+    impacts: of the model as it is.
+    step: the engine's way to set a step; the fix takes a twentieth of it or less.
     """
     gain, samples = _gain(impacts)
     if gain <= 1 + NOTABLE_GAIN:
@@ -99,8 +99,9 @@ def energy_gain(impacts: Sequence[Impact], step: StepFix) -> Iterator[Suspect]:
 def few_steps(impacts: Sequence[Impact], step: StepFix, softer: str) -> Iterator[Suspect]:
     """Yield the suspect of too few steps in contact, where no energy is gained; at most one.
 
-    impacts: of the model as it is. step: the engine's way to set a step. softer: what else would
-    help, as text to paste.
+    impacts: of the model as it is.
+    step: the engine's way to set a step.
+    softer: what else would help, as text to paste.
     """
     gain, samples = _gain(impacts)
     if gain > 1 + NOTABLE_GAIN or not 0 < samples <= STEPS_BY_CHANCE:
@@ -142,8 +143,9 @@ def gravity(
     """Yield the suspect of gravity, where it changes the speed much within a step or a contact; at
     most one.
 
-    impacts: their slowest impact speed and their longest contact count. acceleration: vector,
-    m/s^2. timestep: s.
+    impacts: their slowest impact speed and their longest contact count.
+    acceleration: vector, m/s^2.
+    timestep: s.
     fix: makes what to write, of the longest contact (s) that gravity leaves alone.
     apply: takes gravity away in a model.
     """
@@ -212,8 +214,8 @@ def goal_of(
     """Make the function from approach speed (m/s) to the e that a bounce should have: the user's
     target, else what the model itself asks for, else NaN.
 
-    asked: e that the model asks for at each of `speeds`, m/s; () for none. wanted: the user's
-    target, or None.
+    asked: e that the model asks for at each of `speeds`, m/s; () for none.
+    wanted: the user's target, or None.
     """
     if wanted is not None:
         return lambda speed: float(wanted.at(speed))
@@ -226,23 +228,32 @@ def goal_of(
     return lambda speed: float(np.interp(speed, rising, e))
 
 
+class Diagnosis(NamedTuple):
+    """Causes of a bounce that is not as it should be, the strongest first.
+
+    remedy: sentences on what is left when all are fixed; "" where there is nothing to say.
+    """
+
+    causes: tuple[Cause, ...] = ()
+    remedy: str = ""
+
+
 def diagnose(
     model: ModelUnderTest,
     impacts: Sequence[Impact],
     goal: Goal,
     wanted: RestitutionCurve | None = None,
     tolerance: float = TOLERANCE,
-) -> tuple[tuple[Cause, ...], str]:
-    """Find the causes of a bounce that is not as it should be.
-
-    Returns the causes, the strongest first, and sentences on what is left when all are fixed.
+) -> Diagnosis:
+    """Find the causes of a bounce that is not as it should be: what the model makes suspect is put
+    right in copies of it, which are launched anew.
 
     impacts: of the model as it is.
     goal: e over approach speed, m/s, that the bounce should have; NaN for none.
     wanted: the user's target, or None.
     tolerance: |e - goal| up to which a bounce is as it should be.
-    Without an error there are only causes that are always reported, and "". A copy that cannot be
-    measured counts as an error of 1; other errors of the engine are raised.
+    Without an error there are only causes that are always reported, and no remedy. A copy that
+    cannot be measured counts as an error of 1; other errors of the engine are raised.
     """
     touched = [impact for impact in impacts if impact.status is not Status.NO_TOUCH]
     # Of launches that all missed, suspects are named all the same.
@@ -250,15 +261,16 @@ def diagnose(
     suspects = model.suspects(impacts, wanted)
     if not touched and NO_PUSH not in _codes(suspects):
         # Something stopped the bodies before the contact could act.
-        return (), ""
+        return Diagnosis()
 
     assumed = _assumed_e(suspects)
     if assumed is not None:
         goal = _constant_goal(assumed)
     if not _is_off(impacts, goal, tolerance):
-        return _always_reported(suspects), ""
+        return Diagnosis(_always_reported(suspects))
     if suspects and not _fixable(suspects):
-        return tuple(map(_cause, suspects)), "None of these could be tried on this model."
+        named = tuple(map(_cause, suspects))
+        return Diagnosis(named, "None of these could be tried on this model.")
 
     trials = _Trials(model, _probe_launches(impacts, goal, model.step_cost), goal)
     suspects += _hidden_suspects(suspects, trials, wanted, tolerance)
@@ -269,19 +281,19 @@ def diagnose(
     fixes = [s for s in fixable if s.code in codes]
     remaining = trials.max_error(fixes)
     if fixes and remaining >= _NO_BOUNCE:
-        return _always_reported(suspects), _NO_FIX
+        return Diagnosis(_always_reported(suspects), _NO_FIX)
 
     hint = ""
     if remaining > tolerance:
         hint = _constant_e_hint(impacts, goal, tolerance)
     if not causes:
-        return (), hint or "No cause was found among those that hcbench knows."
+        return Diagnosis(remedy=hint or "No cause was found among those that hcbench knows.")
     sentences = [_summary(fixes, trials, tolerance)]
     if assumed is not None:
         sentences.append(f"No target e is given: e = {assumed:.4g} is assumed.")
     if hint:
         sentences.append(hint)
-    return tuple(causes), " ".join(sentences)
+    return Diagnosis(tuple(causes), " ".join(sentences))
 
 
 def _assumed_e(suspects: Sequence[Suspect]) -> float | None:
@@ -318,7 +330,9 @@ def _fixable(suspects: Sequence[Suspect]) -> list[Suspect]:
 class _Trials:
     """The probe launches simulated with some fixes made; each set of fixes once.
 
-    model: without fixes. launches: the probes. goal: e over approach speed, m/s; NaN for none.
+    model: without fixes.
+    launches: the probes.
+    goal: e over approach speed, m/s; NaN for none.
     """
 
     def __init__(self, model: ModelUnderTest, launches: Sequence[Launch], goal: Goal) -> None:
@@ -377,7 +391,8 @@ def _probe_launches(impacts: Sequence[Impact], goal: Goal, step_cost: float) -> 
     """Launches to try fixes on: some phases of the worst speed, the lowest and the highest; as many
     as can be afforded of the worst speed alone, where all would take too many steps.
 
-    impacts: of the model as it is, one or more. goal: e over approach speed, m/s; NaN for none.
+    impacts: of the model as it is, one or more.
+    goal: e over approach speed, m/s; NaN for none.
     step_cost: time of a step over that of a ball on a plane.
     """
 
@@ -392,7 +407,7 @@ def _probe_launches(impacts: Sequence[Impact], goal: Goal, step_cost: float) -> 
     for speed in sorted({worst, min(by_speed), max(by_speed)}):
         probes += _probe_phases(by_speed[speed], step_cost)
 
-    # Steps in contact of the longest impact.
+    # Steps in contact of the longest impact; a launch takes ten or so of flight in any case.
     longest = max(10, *(impact.samples for impact in impacts))
     affordable = max(1, int(_PROBE_STEPS / (step_cost * longest)))
     if affordable >= len(probes):
@@ -404,8 +419,8 @@ def _probe_phases(impacts: Sequence[Impact], step_cost: float) -> list[Launch]:
     """Launches of one speed at _PROBE_PHASES phases or fewer, evenly chosen; at one phase alone
     where steps cost much and all phases have the same e.
 
-    impacts: of that speed, one or more, by phase. step_cost: time of a step over that of a ball on
-    a plane.
+    impacts: of that speed, one or more, by phase.
+    step_cost: time of a step over that of a ball on a plane.
     """
     e = [impact.restitution for impact in impacts]
     # False where one of them is NaN.
@@ -422,8 +437,10 @@ def _hidden_suspects(
     """Suspects that a copy with all fixes made shows for the first time, if these fixes do not cure
     the pair; else none.
 
-    suspects: of the model as it is. trials: measures copies with fixes. wanted: the user's target,
-    or None. tolerance: error of e up to which a pair counts as cured.
+    suspects: of the model as it is.
+    trials: measures copies with fixes.
+    wanted: the user's target, or None.
+    tolerance: error of e up to which a pair counts as cured.
     """
     fixes = _fixable(suspects)
     impacts = trials.impacts(fixes)
@@ -441,7 +458,8 @@ def _tried_causes(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -
 
     Suspects that are always reported are among the causes. The strength of a fix is the error of e
     that comes back if it alone is left out.
-    fixes: suspects that can be tried, the likeliest first. trials: measures copies with fixes.
+    fixes: suspects that can be tried, the likeliest first.
+    trials: measures copies with fixes.
     tolerance: error of e up to which a bounce is as it should be.
     """
     before = trials.max_error([])
@@ -477,7 +495,8 @@ def _minimal_fixes(fixes: Sequence[Suspect], trials: _Trials, allowed: float) ->
     """The fixes that are needed to keep the largest error of e within `allowed`: they are left out one
     after the other, the least likely first, as long as the error stays within.
 
-    fixes: the likeliest first. trials: measures copies with fixes.
+    fixes: the likeliest first.
+    trials: measures copies with fixes.
     """
     needed = list(fixes)
     for suspect in reversed(fixes):
@@ -488,7 +507,11 @@ def _minimal_fixes(fixes: Sequence[Suspect], trials: _Trials, allowed: float) ->
 
 
 def _cause(suspect: Suspect, alone: float = math.nan, without: float = math.nan) -> Cause:
-    """A suspect as a cause. alone: error of e with its fix alone; without: with all but its fix."""
+    """A suspect as a cause.
+
+    alone: error of e with its fix alone.
+    without: with all but its fix.
+    """
     return Cause(
         code=suspect.code,
         title=suspect.title,
@@ -503,8 +526,9 @@ def _summary(fixes: Sequence[Suspect], trials: _Trials, tolerance: float) -> str
     """A sentence on what remains with all causes fixed: the mean e and the largest error, or that
     the error is not explained.
 
-    fixes: of the causes. trials: measures copies with fixes. The error counts as explained if what
-    remains is within `tolerance`, or is half of that of the model as it is, or less.
+    fixes: of the causes.
+    trials: measures copies with fixes. The error counts as explained if what remains is within
+    `tolerance`, or is half of that of the model as it is, or less.
     """
     before = trials.max_error([])
     after = trials.max_error(fixes)
@@ -520,7 +544,8 @@ def _constant_e_hint(impacts: Sequence[Impact], goal: Goal, tolerance: float) ->
     """A sentence if this contact has the same e at every speed, but the target's e varies by more
     than one e can be right for; "" otherwise.
 
-    goal: e over approach speed, m/s. tolerance: error of e that is allowed.
+    goal: e over approach speed, m/s.
+    tolerance: error of e that is allowed.
     """
     parted = [impact for impact in impacts if impact.status is Status.PARTED]
     e = [impact.restitution for impact in parted]

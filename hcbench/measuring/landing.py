@@ -170,9 +170,10 @@ def land_job(job: Job, drops: DropPlan, limit: float | None = None) -> Landings:
 def _landed(drops: DropPlan, job: Job) -> Landings:
     """Drop the robot of a job in this process, and add notes on a step that is too long.
 
-    A controller "file.py:function" is read here. Raises UserError for an engine in which hcbench
-    drops no robots, for a controller or a model in a Python file that cannot be used, and for a
-    model that no engine opens; SceneError for a file that no engine opens.
+    A controller "file.py:function" is read here.
+    Raises UserError for an engine in which hcbench drops no robots, for a controller or a model in
+    a Python file that cannot be used, and for a model that no engine opens; SceneError for a file
+    that no engine opens.
     """
     engine, source, rebuild = source_of(job)
     if not isinstance(engine, LandsRobots):
@@ -206,6 +207,7 @@ def unresolved(landings: Landings) -> list[str]:
         worst = max(coarse, key=lambda drop: drop.restitution)
         steps = _steps(worst, h)
         evidence = f"e up to {worst.restitution:.4g} with {steps:.0f} steps in contact"
+        # With it this contact takes 200 steps; it is a twentieth of the present one at most.
         fix = f"a step of {h * min(0.05, steps / 200):.1g} s"
         found.append(
             f"The contact adds energy: the step does not resolve it: {evidence}. Use {fix}."
@@ -225,6 +227,7 @@ def _few_steps(landings: Landings) -> list[str]:
     evidence = (
         f"{fewest:.0f} steps in contact at {time_step(h)} s; {_ENOUGH_STEPS} or more are needed"
     )
+    # With it the shortest contact takes 60 steps, well above the 20 that are needed.
     return [f"{words}: {evidence}. Use a step of {h * fewest / 60:.1g} s."]
 
 
@@ -351,7 +354,8 @@ def span(drop: Landing, name: str, scale: float, digits: int) -> str:
     """Text of a number of a landing over all places of the touch in a step: one number with
     `digits` decimals where they agree, else the lowest and the highest with one decimal less.
 
-    name: attribute of `drop`. scale: from its unit to the one that is printed.
+    name: attribute of `drop`.
+    scale: from its unit to the one that is printed.
     """
     low, high = (scale * value for value in drop.over_phases(name))
     least, most = number(low, f".{digits - 1}f"), number(high, f".{digits - 1}f")
@@ -435,8 +439,8 @@ def measure_trajectory(
     trajectory: an .npz or JSON file, or a mapping, with qpos (n, nq), qvel (n, nv) and time (n,),
     s, of the states; without time, one a time step of the model.
     pair: the two to read; None: each part that moves, on what does not.
-    engine: name of one; None: the first that opens such a model. limit: s or with a unit, after
-    which the worker counts as hung.
+    engine: name of one; None: the first that opens such a model.
+    limit: s or with a unit, after which the worker counts as hung.
 
     Raises UserError for other arrays, for an engine that reads no recordings, and for a model that
     cannot be opened; EngineFailed where the worker died or hung.
@@ -448,8 +452,9 @@ def measure_trajectory(
 def touchdowns_job(job: Job, trajectory: Any, limit: float | None = None) -> TrajectoryTouchdowns:
     """The touchdowns of one model in a recorded motion; of a file in a worker.
 
-    trajectory: a file, or a mapping with qpos, qvel and time, s. limit: s, after which the worker
-    counts as hung; None: LIMIT_S of processor time, or the engine's own where that is longer.
+    trajectory: a file, or a mapping with qpos, qvel and time, s.
+    limit: s, after which the worker counts as hung; None: LIMIT_S of processor time, or the
+    engine's own where that is longer.
     Raises UserError for other arrays, for an engine that reads no recordings and for a model that
     cannot be opened; EngineFailed where the worker died or hung.
     """
@@ -481,8 +486,9 @@ def _recorded_arrays(trajectory: Any) -> dict[str, Floats]:
 def _touchdowns(recorded: dict[str, Floats], job: Job) -> TrajectoryTouchdowns:
     """Touchdowns of a robot in a recorded motion.
 
-    recorded: qpos (n, nq), qvel (n, nv) and, where it is known, time (n,), s. job: of the model;
-    its request's pair is the one to read, None: each part that moves, on what does not.
+    recorded: qpos (n, nq), qvel (n, nv) and, where it is known, time (n,), s.
+    job: of the model; its request's pair is the one to read, None: each part that moves, on what
+    does not.
     Raises UserError for an engine in which hcbench reads no recordings, for other shapes, and as
     `source_of` does; SceneError for a file that no engine opens.
     """

@@ -76,7 +76,8 @@ class Job:
 
     source: see `measure`; only files cross to the worker, objects stay here.
     engine: name of one; None: the first that opens such a model.
-    request: the pair, its pose and the launches. wanted: the target e(v), None for none.
+    request: the pair, its pose and the launches.
+    wanted: the target e(v), None for none.
     tolerance: error of e from which causes are looked for, if `diagnose`.
     beyond_bounds: whether numbers beyond physical bounds are admitted.
     rest: limits of the pair at rest; None: not measured.
@@ -190,8 +191,9 @@ def measure_job(job: Job, limit: float | None = None) -> Measurement:
     """Measure one pair, in a worker for a model in a file.
 
     limit: s of the clock, after which the worker counts as hung; None: LIMIT_S of processor time,
-    or the engine's own where that is longer. Raises EngineFailed where the worker died or hung;
-    UserError and SceneError for a model that does not open or a pair that cannot be measured.
+    or the engine's own where that is longer.
+    Raises EngineFailed where the worker died or hung; UserError and SceneError for a model that
+    does not open or a pair that cannot be measured.
     """
     return run_job(_measured, job, limit)
 
@@ -233,8 +235,9 @@ def begin_measuring(models: Sequence[str], engine: Any) -> None:
     """Let a worker process of a command import what measuring these files takes, as a copy of this
     process, which reads on. Without files, and for a TOML file or a missing one, nothing begins.
 
-    models: paths. engine: name of one; None for the first that opens them. An error is not raised
-    here, but where the model is opened. An engine in an environment of its own is not begun.
+    models: paths.
+    engine: name of one; None for the first that opens them. An error is not raised here, but where
+    the model is opened. An engine in an environment of its own is not begun.
     """
     first = Path(models[0] if models else "")
     if not first.is_file() or first.suffix.lower() == ".toml" or "@" in str(engine):
@@ -358,7 +361,8 @@ def _is_as_chosen(facts: Facts, impacts: Sequence[Impact], wanted: RestitutionCu
     """True if hcbench wrote this contact, nothing that it promised by has changed, the impacts keep
     its promise, and the user wants no other e(v): then there are no causes to look for.
 
-    impacts: of the model, held against the promise. wanted: the target, None for none.
+    impacts: of the model, held against the promise.
+    wanted: the target, None for none.
     """
     promise = facts.promise
     if promise is None or facts.changed:
@@ -390,9 +394,9 @@ def source_of(job: Job) -> tuple[OpensModels, Any, Callable[[], Any] | None]:
 
     Returns the engine, the model, and a function that makes the model again; None in its place for
     a model that can be opened again as it is.
-    A source "file.py:function" is called here, once, and its result is the model. Raises UserError
-    where that fails, where no engine opens the model or the engine that is named does not open
-    models; SceneError for a file that no engine opens.
+    A source "file.py:function" is called here, once, and its result is the model.
+    Raises UserError where that fails, where no engine opens the model or the engine that is named
+    does not open models; SceneError for a file that no engine opens.
     """
     source = job.source
     rebuild = None

@@ -77,8 +77,8 @@ def Wanted(
 def read_points(points: Any) -> tuple[tuple[float, float], ...]:
     """Pairs of v, m/s, and e as floats.
 
-    points: pairs of a number or text with a unit, and a number. Raises QuantityError for text that
-    is not a speed, UserError for anything but pairs.
+    points: pairs of a number or text with a unit, and a number.
+    Raises QuantityError for text that is not a speed, UserError for anything but pairs.
     """
     try:
         return tuple((units.parse(v, "speed", "points"), float(e)) for v, e in points)
@@ -106,10 +106,12 @@ class Cause:
 class Measurement(Drawn):
     """One pair of one model, measured.
 
-    facts: of the model, the engine and the pair. request: the launches that were asked for.
-    impacts: one for each launch. wanted: the target e(v), None for none.
-    causes: of a difference from the target, the strongest first. remedy: what is left with all
-    causes fixed, as a sentence.
+    facts: of the model, the engine and the pair.
+    request: the launches that were asked for.
+    impacts: one for each launch.
+    wanted: the target e(v), None for none.
+    causes: of a difference from the target, the strongest first.
+    remedy: what is left with all causes fixed, as a sentence.
     rest: how the two lie on each other; None where they do not, or where that was not measured.
     rest_causes: of what is too much there.
     contact: what the contact means in a robot's words; None where that was not asked for.

@@ -41,8 +41,8 @@ def is_python(source: Any) -> bool:
 def python_function(text: str) -> Callable[..., Any]:
     """The function that "file.py:function" names; its file is run.
 
-    text: of that form, as `is_python` tells. Raises UserError where the file or the function is
-    missing, and where the file does not run.
+    text: of that form, as `is_python` tells.
+    Raises UserError where the file or the function is missing, and where the file does not run.
     """
     match = _PYTHON.fullmatch(text)
     assert match is not None
@@ -101,8 +101,9 @@ def read_joints(text: Any) -> Pose:
     """Joints, each with its values, of text such as "hip=0.3, knee=-30 deg, base=0, 0, 0.3", or of
     a mapping of names to numbers or text; () for None.
 
-    Values are in rad or m, quaternions w x y z. Raises QuantityError for a part without a name or
-    value, and for values that are not finite numbers.
+    Values are in rad or m, quaternions w x y z.
+    Raises QuantityError for a part without a name or value, and for values that are not finite
+    numbers.
     """
     if text is None:
         return ()
@@ -127,7 +128,8 @@ def _joint(name: Any, values: Any) -> tuple[float, ...]:
     """Numbers of a joint, or of a field of a state such as qpos, from a mapping's value: text with
     units, or numbers in SI.
 
-    name: of the joint or field. Raises QuantityError for anything else than finite numbers.
+    name: of the joint or field.
+    Raises QuantityError for anything else than finite numbers.
     """
     if isinstance(values, str):
         return tuple(_values(name, values))
@@ -140,8 +142,8 @@ def _joint(name: Any, values: Any) -> tuple[float, ...]:
 def _values(name: str, text: str) -> list[float]:
     """Numbers of a joint in text, rad or m: "-30 deg", "1 0 0 0", "2 cm".
 
-    name: of the joint, for the error. Raises QuantityError for text that is not finite numbers, one
-    unit behind them.
+    name: of the joint, for the error.
+    Raises QuantityError for text that is not finite numbers, one unit behind them.
     """
     number, _, unit = text.rpartition(" ")
     if unit in _ANGLES:
@@ -157,8 +159,8 @@ def _values(name: str, text: str) -> list[float]:
 def _numbers(name: Any, values: Any) -> tuple[float, ...]:
     """One or more finite numbers as a flat tuple, from a number or an array of any shape.
 
-    name: of the joint, for the error. Raises QuantityError for other values, and for an empty
-    array.
+    name: of the joint, for the error.
+    Raises QuantityError for other values, and for an empty array.
     """
     try:
         numbers = tuple(units.real_array(values).reshape(-1).tolist())
@@ -192,8 +194,8 @@ def read_state(state: Any) -> Pose:
 def read_named(file: Path, slot: str, what: str) -> Mapping[str, Any]:
     """The named arrays of an .npz file, or the object of a JSON file.
 
-    slot, what: name of the option, and what the file should have, in errors. Raises UserError for a
-    file that cannot be read, is damaged or has no names.
+    slot, what: name of the option, and what the file should have, in errors.
+    Raises UserError for a file that cannot be read, is damaged or has no names.
     """
     try:
         if file.suffix == ".npz":
@@ -228,8 +230,8 @@ def _arrays(content: bytes) -> dict[str, Any]:
 def read_direction(text: Any) -> Vector:
     """Unit vector to the side from which the first body comes.
 
-    text: a word such as "above" or "-x", or three numbers such as "0,1,1" of any length. Raises
-    QuantityError for anything else and for three zeros.
+    text: a word such as "above" or "-x", or three numbers such as "0,1,1" of any length.
+    Raises QuantityError for anything else and for three zeros.
     """
     if isinstance(text, str) and text.strip() in _DIRECTIONS:
         return _DIRECTIONS[text.strip()]
@@ -291,9 +293,9 @@ def make_request(pair: BodyPair | None = None, **launch: Unpack[LaunchOptions]) 
 def request_for(request: Request, speeds: object, known: MaterialPair | None) -> Request:
     """The request, at the speeds at which a material was measured if the user gave none.
 
-    speeds: as the user gave them, or None. known: the material that the target is taken from; None
-    for another target, which leaves the request as it is. Warns of launches outside the range of
-    speeds for which the material is known.
+    speeds: as the user gave them, or None.
+    known: the material that the target is taken from; None for another target, which leaves the
+    request as it is. Warns of launches outside the range of speeds for which the material is known.
     """
     if known is None:
         return request
@@ -309,8 +311,10 @@ def _each_once(
     """Make a function that reads one or several quantities, text with units or numbers, as a tuple
     in SI; it raises QuantityError for equal ones and for those outside the bounds.
 
-    quantity: such as "speed". bounds: `above` or `least`, SI. name: of the option. kind: "a speed"
-    and the like, for the error.
+    quantity: such as "speed".
+    bounds: `above` or `least`, SI.
+    name: of the option.
+    kind: "a speed" and the like, for the error.
     """
 
     def read(given: Any) -> tuple[float, ...]:
@@ -390,8 +394,9 @@ def _phases(phases: int | str | Iterable[float]) -> tuple[float, ...]:
     """Phases, the shares of a step at which bodies touch: as given, or for a number n the middles
     of n equal parts of the step.
 
-    phases: n, shares, or text of either. Raises QuantityError for n below 1 or above MAX_PHASES,
-    and for shares that are alike or not within 0 <= share < 1.
+    phases: n, shares, or text of either.
+    Raises QuantityError for n below 1 or above MAX_PHASES, and for shares that are alike or not
+    within 0 <= share < 1.
     """
     if isinstance(phases, str):
         text = phases.strip()

@@ -95,8 +95,9 @@ def rest_causes(
     """Causes that keep the pair from resting within the limits: fixes that alone halve an excess,
     best first.
 
-    rest: the pair at rest; None where it does not rest. suspects: what can be tried, the likeliest
-    first. limits: None for no causes.
+    rest: the pair at rest; None where it does not rest.
+    suspects: what can be tried, the likeliest first.
+    limits: None for no causes.
     """
     if limits is None:
         return ()

@@ -31,7 +31,8 @@ def speed_at(
     """|v|, m/s, of eq. (10) at `penetration` (m) of an impact that turns at `depth` (m); they
     broadcast.
 
-    stiffness: N/m^exponent. mass: kg. At penetration 0 it is v_i of eq. (9), the inverse of (8).
+    stiffness: N/m^exponent.
+    mass: kg. At penetration 0 it is v_i of eq. (9), the inverse of (8).
     """
     n1 = exponent + 1.0
     left = np.asarray(depth, dtype=float) ** n1 - np.asarray(penetration, dtype=float) ** n1
@@ -42,7 +43,8 @@ def inward_share(u: Floats | float) -> Floats:
     """Share of the energy lost that the way in takes, over u = α v_i, same shape; 1/2 at u = 0.
 
     Of ½ m v_i², the way in takes 1 - G, G = 2 (d - ln(1 + d))/d² with d = 1.5 u, and both take 1 -
-    e². Raises UserError for a u below 0.
+    e².
+    Raises UserError for a u below 0.
     """
     d = 1.5 * within("u", u, 0.0, np.inf, "α v_i of 0 or more")
     s = one_minus_restitution(d)
@@ -76,8 +78,9 @@ class Approximation:
         """The smallest α v_i where the approximation is wrong by `error`, up or down; inf if beyond
         100.
 
-        error: relative, 0.01 is one per cent. exponent: n of the law. Raises UserError unless 0 <
-        error < 1.
+        error: relative, 0.01 is one per cent.
+        exponent: n of the law.
+        Raises UserError unless 0 < error < 1.
         """
         require("error", error, 0.0 < error < 1.0, "an error between 0 and 1, such as 0.01")
 
@@ -232,7 +235,8 @@ def turning_point(u: Floats | float) -> Floats:
     """z of f(z) = (9/8) u² over u = α v_i, same shape; 1.5 u where u is small.
 
     It stands for the depth x at which a body turns whose damping grows with v² (q = 2): z is
-    b x^((n+1)/2), a pure number, b of the law. f(z) = 1 + (z - 1) e^z. u: 0 or more, not checked.
+    b x^((n+1)/2), a pure number, b of the law. f(z) = 1 + (z - 1) e^z.
+    u: 0 or more, not checked.
     """
     s = 1.125 * np.asarray(u, dtype=float) ** 2
     wanted = np.sqrt(2.0 * s)

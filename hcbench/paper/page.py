@@ -102,7 +102,8 @@ def engines_drawn_in(folder: Path) -> set[str]:
 def _page(figures: dict[str, dict[str, Any]], folder: Path) -> str:
     """The page as HTML text, with every number that the paper prints beside the one computed here.
 
-    figures: what `draw` returns of each drawing, by name. folder: the page's own, for its links.
+    figures: what `draw` returns of each drawing, by name.
+    folder: the page's own, for its links.
     """
     numbers = printed_numbers()
     titles = []

@@ -95,7 +95,8 @@ def simulate_in_engine(
     name: of the engine, one of `engines_with_two_blocks`.
     system: both its blocks must have the same law (16).
     position, velocity: at the start, m and m/s; `VibroImpact` has the signs.
-    until: duration, s. timestep: s.
+    until: duration, s.
+    timestep: s.
     drive: P, N; None: the mass is free.
     tuned_at: speed, m/s, at which the engine's own contact is tuned; None: its plug-in is used.
 
@@ -142,8 +143,8 @@ def _simulate(
     """(positions, m; velocities, m/s) of the ball between two blocks, shape (n + 1,) each, in the
     worker process of an engine.
 
-    name: of the engine. position, m, velocity, m/s: at the start. forces: on the ball in each step,
-    N, shape (n,).
+    name: of the engine. position, m, velocity, m/s: at the start.
+    forces: on the ball in each step, N, shape (n,).
     """
     states: tuple[Floats, Floats]
     states = registry.submodule(name, "two_blocks").simulate(blocks, position, velocity, forces)
@@ -398,8 +399,9 @@ def _in_engine(
 ) -> tuple[EngineTrajectory, EngineTrajectory]:
     """The motion of the clear mass, and the last cycle of the squeezed one, in an engine.
 
-    name: of the engine. tuned_at: speed, m/s, at which its own contact is tuned; None: its plug-in
-    is used. Raises EngineMissing, and EngineFailed where the engine crashes or hangs.
+    name: of the engine.
+    tuned_at: speed, m/s, at which its own contact is tuned; None: its plug-in is used.
+    Raises EngineMissing, and EngineFailed where the engine crashes or hangs.
     """
     clear = simulate_in_engine(
         name, LOOSE, 0.0, START, CLEAR_FOR, CLEAR, timestep=effort.timestep, tuned_at=tuned_at
@@ -423,8 +425,8 @@ def engines_figure(effort: Effort) -> tuple[Figure, str]:
     """The clear and the squeezed mass in the engines that are installed, over the reference; and,
     in words, the largest distance of each from the reference, over the reference's largest value.
 
-    Each engine is drawn with its plug-in and with its own contact. Raises EngineFailed where one
-    crashes.
+    Each engine is drawn with its plug-in and with its own contact.
+    Raises EngineFailed where one crashes.
     """
     figure = new_figure(8.6, 4.4)
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))

@@ -80,7 +80,8 @@ def make(recipe: Recipe, target: Target, place: Path | None) -> Setting:
     that are old are deleted then.
 
     place: path of the file, None to keep nothing. Where the file cannot be written nothing is
-    kept, without an error. Raises what the recipe raises.
+    kept, without an error.
+    Raises what the recipe raises.
     """
     began = time.process_time()
     setting = recipe(target)

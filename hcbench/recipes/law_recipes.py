@@ -46,7 +46,8 @@ def exact_above(slowest: float, e: float) -> float:
     exact.
 
     slowest: speed over g h below which impacts come to rest or not, by chance of where in the step
-    they touch. e: the restitution, 0 ... 1.
+    they touch.
+    e: the restitution, 0 ... 1.
 
     Gravity pulls a body that parts at less than g h/2 back within the step: it stays down, as with
     e = 0. For e = 0 that makes no difference.
@@ -60,8 +61,9 @@ def plug_in_recipes(
     """Recipes of an engine for which hcbench.contact has a plug-in: the law of 1975 as a force, its
     e at each impact, and the laws published since as forces.
 
-    engine: its name. native: recipes of its own contact, which messages name where a law cannot be
-    had. common: options of each setting, beside "law".
+    engine: its name.
+    native: recipes of its own contact, which messages name where a law cannot be had.
+    common: options of each setting, beside "law".
     exact_above: e to the impact speed over g h from which the restitution law is exact.
     The recipes of a force raise SettingError for a step that does not resolve its contact.
     """
@@ -169,8 +171,10 @@ def published_law_recipes(
     """Recipes of forces F = k x^n (1 + χ(e) v/v_i), one for each law of LAWS; v_i is the speed of
     each impact at touch, so the law has one e for all speeds.
 
-    engine: its name. options: makes a setting's options of a target and a law, which is set to the
-    best constant e of the target's band. note: how the engine runs the law, a sentence.
+    engine: its name.
+    options: makes a setting's options of a target and a law, which is set to the best constant e of
+    the target's band.
+    note: how the engine runs the law, a sentence.
     steps_min: steps in the shortest contact that the engine needs.
     """
 

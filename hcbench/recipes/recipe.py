@@ -93,7 +93,8 @@ class Search:
     def record(self, parameters: Floats, errors: Floats) -> None:
         """Count n evaluations, and remember the one with the least error.
 
-        parameters: (n, k). errors: of e at them, (n,); NaN is the worst.
+        parameters: (n, k).
+        errors: of e at them, (n,); NaN is the worst.
         """
         errors = np.nan_to_num(errors, nan=np.inf)
         i = int(np.argmin(errors))
@@ -144,10 +145,13 @@ def evolve(
 
     errors: of members, (n, k), and limits, (n,), to the error of each, (n,); above its limit a
     member is not needed, and any number above it will do.
-    members: the first generation, (n, k). bounds: lowest and highest parameters, (k,) each.
+    members: the first generation, (n, k).
+    bounds: lowest and highest parameters, (k,) each.
     towards_best: mutants start from the best member, which is faster and finds less; else each from
-    its own. Returns the last generation, (n, k), the member with the least error first.
-    SciPy's takes longer to import than this to search. Raises what `errors` raises.
+    its own.
+    Returns the last generation, (n, k), the member with the least error first.
+    SciPy's takes longer to import than this to search.
+    Raises what `errors` raises.
     """
     least = errors(members, np.full(len(members), np.inf))
     count, size = members.shape

@@ -201,7 +201,9 @@ def _require_falling(measured: MeasuredRestitution) -> None:
 def require_kind(target: Target, recipe: str, kinds: Sequence[TargetKind], instead: str) -> None:
     """Raise SettingError for a target of a kind that a recipe does not serve.
 
-    recipe: its name. kinds: those that it serves. instead: recipes for the others, as words; or "".
+    recipe: its name.
+    kinds: those that it serves.
+    instead: recipes for the others, as words; or "".
     """
     if target.kind in kinds or target.reading in kinds:
         return
@@ -252,7 +254,8 @@ def implicit_spring_damper(target: Target, duration: float, instead: str) -> tup
     """Stiffness k, N/m, and damping c, N s/m, of an implicit contact with the best constant e of
     the target: F = k (x + h v') + c v', with v' the rate after the step h.
 
-    duration: of the contact, s. instead: recipe to name in an error.
+    duration: of the contact, s.
+    instead: recipe to name in an error.
     The steps have the poles exp((-β ± i ω) h) of the continuous contact x'' + 2 β x' + (ω² + β²) x
     = 0 exactly: m exp(2 β h) = m + h c + h² k, so c is smaller than a continuous damper's by k h.
     Where c would be below 0 the contact is made slower until it is not.
@@ -305,7 +308,8 @@ def one_way_spring_damper(target: Target, duration: float, instead: str) -> tupl
     """Stiffness k, N/m, and damping c, N s/m, of a contact that damps on the way in alone (F = k x
     + c x', then k x), with the best constant e of the target.
 
-    duration: of the contact, s. instead: recipe to name in an error.
+    duration: of the contact, s.
+    instead: recipe to name in an error.
     The way in is a damped oscillator's from touch to its first standstill. So with ζ = c/(2 √(k m))
     and ω² = k/m, e = exp(-ζ/√(1-ζ²) acos ζ), and the contact lasts (acos ζ/√(1-ζ²) + π/2)/ω.
     Raises SettingError for an e of exp(-0.99) = 0.372 or less, and for one above 1.

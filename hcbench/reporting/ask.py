@@ -174,9 +174,10 @@ def find_plan(name: str, warn: Callable[[str], None], device: str = "") -> tuple
     """The name of a study, and the study. A built-in one is without the engines that are not
     installed, and every one without the plug-ins that cannot be compiled, with a line to `warn`.
 
-    name: of a file, a folder or a built-in study. device: that the engines compute on; "" for any.
-    Raises StudyError for a name that no study has, a file that is not a study, and where no engine of a
-    built-in study is installed; SceneError for a scene that cannot be read; NotCompiled where
+    name: of a file, a folder or a built-in study.
+    device: that the engines compute on; "" for any.
+    Raises StudyError for a name that no study has, a file that is not a study, and where no engine
+    of a built-in study is installed; SceneError for a scene that cannot be read; NotCompiled where
     nothing but such plug-ins is in it.
     """
     path = find_study(name)
@@ -245,7 +246,8 @@ def folder_for(
     """The folder of a report, never one that holds engines that this report lacks.
 
     out: the user's; None: `default`, or in place of it one whose name tells the missing engines.
-    missing: engines that the report lacks. present: those of the report that is in the folder.
+    missing: engines that the report lacks.
+    present: those of the report that is in the folder.
     Raises UserError where the user's folder would lose engines.
     """
     folder = out or default

@@ -104,7 +104,8 @@ def page_text(
 ) -> str:
     """The page of a report as HTML text.
 
-    by_gravity: `views` of the results. overview: what `draw` returns of `overview_drawing`.
+    by_gravity: `views` of the results.
+    overview: what `draw` returns of `overview_drawing`.
     folder: the page's own.
     """
     view = by_gravity.main
@@ -194,7 +195,11 @@ _LINEAR: dict[str, Any] = {"color": SLATE, "linewidth": 1.0, "linestyle": (0, (2
 
 
 class _EndLabel(NamedTuple):
-    """The name of a line, beside its end. end: e there. weight: of the font."""
+    """The name of a line, beside its end.
+
+    end: e there.
+    weight: of the font.
+    """
 
     end: float
     text: str
@@ -227,7 +232,8 @@ def _draw_curve(axes: Axes, view: View, run: RunKey, curve: Curve, nth: int) -> 
     """Draw one setting: mean e over impact speed, m/s, with the band that the phases span, if it is
     wide enough to be seen.
 
-    curve: of the setting. nth: place of the setting in the figure, which shifts its marks.
+    curve: of the setting.
+    nth: place of the setting in the figure, which shifts its marks.
     """
     style = view.plot_style(run)
     if (curve.highest - curve.lowest > _BAND_SHOWN).any():

@@ -62,8 +62,12 @@ def explorer_script() -> Script:
 
 
 class _KeptLoop(NamedTuple):
-    """Loop of one impact. phase: where in a step the impact began, 0 to below 1. times: s;
-    penetrations: m; forces: N.
+    """Loop of one impact.
+
+    phase: where in a step the impact began, 0 to below 1.
+    times: s.
+    penetrations: m.
+    forces: N.
     """
 
     phase: float
@@ -76,7 +80,8 @@ class _KeptLoop(NamedTuple):
 class LoopStore:
     """Loops, each once: many settings do the same for every α.
 
-    stored: the loops, by their numbers. places: number of a loop, by its JSON.
+    stored: the loops, by their numbers.
+    places: number of a loop, by its JSON.
     """
 
     stored: list[Any] = field(default_factory=list)
@@ -231,7 +236,8 @@ def _start(keys: Sequence[Any], view: View) -> _Where:
 def _answer(view: View, answer: Mapping[str, Any]) -> dict[str, Any]:
     """An answer of `hcbench tune` as the script takes it, under the study's own α.
 
-    answer: as JSON. Raises StopIteration for an α that the study does not have.
+    answer: as JSON.
+    Raises StopIteration for an α that the study does not have.
     """
     alpha = next(a for a in view.alphas if math.isclose(a, answer["alpha"], rel_tol=1e-9))
     return {
@@ -291,7 +297,8 @@ def _runs(view: View, loops: LoopStore, texts: tables.PastedTexts) -> Iterable[d
     """Curves of every setting, step (s) and α (s/m) of the engines that ran over a band; numbers in
     SI, by the names that the script reads. A speed without a kept loop has the loop number -1.
 
-    loops: takes the loops in. texts: gives the numbers of the texts to paste.
+    loops: takes the loops in.
+    texts: gives the numbers of the texts to paste.
     """
     kept = _kept_loops(view)
     for (run, alpha), folded in view.head_on.items():

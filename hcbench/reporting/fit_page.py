@@ -8,7 +8,7 @@ import math
 import re
 import shlex
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.io import wavfile
@@ -224,8 +224,8 @@ def _draw_waveform(
 ) -> None:
     """Draw samples of a recording over time, with a line at each touch.
 
-    first, last: numbers of the first sample, and of the one after the last. touches: s, in the time
-    of the recording's file.
+    first, last: numbers of the first sample, and of the one after the last.
+    touches: s, in the time of the recording's file.
     """
     sound = recording.sound[first:last]
     # The least and the largest of every `stride` samples, so that no peak is lost.
@@ -238,27 +238,48 @@ def _draw_waveform(
     axes.set_xlabel("time, s")
 
 
-def _heard(
-    i: int, heard: TouchTimes, typed: Sequence[str]
-) -> tuple[str, str, list[tuple[str, str, object, str]]]:
-    """Name of a recording, its sound in base 64, and of each train of touches: letter, description,
-    figure (what `draw` returns), and the command for it.
+class _Train(NamedTuple):
+    """A train of touches that was heard, for the page's template.
+
+    letter: as `--touches` takes it.
+    figure: what `draw` returns.
+    command: that fits this train.
+    """
+
+    letter: str
+    description: str
+    figure: dict[str, Any]
+    command: str
+
+
+class _HeardRecording(NamedTuple):
+    """A recording with what was heard in it.
+
+    sound: a WAV file in base 64.
+    """
+
+    name: str
+    sound: str
+    trains: list[_Train]
+
+
+def _heard(i: int, heard: TouchTimes, typed: Sequence[str]) -> _HeardRecording:
+    """The part of a recording that holds its trains of touches, and each of these.
 
     i: number of the recording, for the names of its figures.
     heard: touches with their recording, in which one train or more was heard.
     typed: the words after `hcbench` that led here; the command adds `--touches` to them.
     """
-    trains: list[tuple[str, str, object, str]] = []
+    trains = []
     for about, picks in zip(trains_of(heard), heard.heard, strict=True):
         letter, count, first, last, alpha, *_ = about
-        image = draw(Drawing(f"heard-{i}-{letter}", partial(_train_figure, heard, picks.times)))
+        figure = draw(Drawing(f"heard-{i}-{letter}", partial(_train_figure, heard, picks.times)))
         description = f"{count} touches from {first} to {last}"
         if alpha:
             description += f", α = {alpha}"
-        trains.append(
-            (letter, description, image, f"hcbench {shlex.join(typed)} --touches {letter}")
-        )
-    return heard.name, _played(heard), trains
+        command = f"hcbench {shlex.join(typed)} --touches {letter}"
+        trains.append(_Train(letter, description, figure, command))
+    return _HeardRecording(heard.name, _played(heard), trains)
 
 
 def _around(heard: TouchTimes) -> tuple[int, int]:

@@ -299,7 +299,8 @@ def _asked(curve: Curve, e: Sequence[float]) -> dict[str, Any]:
 def _line(name: str, colour: str, curve: Curve) -> dict[str, Any]:
     """Names, colour and speeds (m/s) of a curve, as the script takes them.
 
-    name: of the line. curve: its points give launch and impact speeds.
+    name: of the line.
+    curve: its points give launch and impact speeds.
     """
     return {
         "setting": name,

@@ -71,8 +71,8 @@ def draw_curve(axes: Axes, result: FitResult, of_law: str, of_data: Sequence[str
     """Draw e over impact speed, m/s: the data as one reads them off, the likeliest law with its 95
     % band.
 
-    of_law: colour of the law. of_data: colours of the data, one a file, from the first again where
-    they are too few.
+    of_law: colour of the law.
+    of_data: colours of the data, one a file, from the first again where they are too few.
     """
     speeds, e, low, high = band(result)
     axes.fill_between(speeds, low, high, color=of_law, alpha=0.18, linewidth=0)
@@ -117,7 +117,11 @@ def _figure(result: Any) -> Figure:
 
 
 class _Words(NamedTuple):
-    """The text about a result. facts: by their names. paste: text for the user's model."""
+    """The text about a result.
+
+    facts: by their names.
+    paste: text for the user's model.
+    """
 
     title: str
     facts: dict[str, str]

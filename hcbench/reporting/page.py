@@ -58,7 +58,8 @@ class Entry:
 class Header:
     """Texts and links of a header, as its template names them.
 
-    install: what to type. where: words after it; "" where none are needed.
+    install: what to type.
+    where: words after it; "" where none are needed.
     """
 
     purpose: str
@@ -96,7 +97,8 @@ def _in_clone(folder: Path, path: str) -> str:
     """The link from a report's folder in reports/ of a clone to a page of the site, or to the file
     that it is made of; "" where that is not there, as in a source archive.
 
-    folder: of the report. path: of the page in the site, such as docs/howto/measure.html.
+    folder: of the report.
+    path: of the page in the site, such as docs/howto/measure.html.
     """
     if path.startswith("docs/"):
         path = path.removesuffix(".html") + ".md"
@@ -158,7 +160,8 @@ def draw(
     """Draw a figure, save it in a folder, if any, as SVG and PNG, and
     return what a template needs of it.
 
-    folder: an existing one; None: nothing is saved. png: whether to save a PNG too.
+    folder: an existing one; None: nothing is saved.
+    png: whether to save a PNG too.
     csv: makes the table of a figure's numbers, which is saved beside it.
 
     The record has name, alt, why, source (the SVG as a data URL), width and height in pixels of
@@ -242,9 +245,9 @@ def render(
     """A page as text. Content is escaped, and the page's own policy forbids requests and all
     scripts but `script`: no name in a model or a study can make it run anything.
 
-    template: name of a file in this package's templates. folder: the page's own, for the links of
-    its header, see `page_header`. content: variables of the template; one that names another raises
-    Jinja's UndefinedError.
+    template: name of a file in this package's templates.
+    folder: the page's own, for the links of its header, see `page_header`.
+    content: variables of the template; one that names another raises Jinja's UndefinedError.
     """
     page = _templates().get_template(template)
     return page.render(script=script, header=page_header(folder), **content)

@@ -136,7 +136,8 @@ MEASURED = PlotStyle("exact", "o", ())
 def plot_styles(settings: Iterable[tuple[str, str]], law: str) -> dict[tuple[str, str], PlotStyle]:
     """A style for each (engine, setting).
 
-    settings: pairs in the study's order; law: name of an engine.
+    settings: pairs in the study's order.
+    law: name of an engine.
     A known setting has its own marker, and a kind has its hue, in every study. Engines differ in
     their dashes, by their order in the study; `law`, the engine of the law itself, has full lines.
     """
@@ -197,8 +198,9 @@ def second_axis(
 ) -> None:
     """Draw a second axis along x (top) or y (right) in other units.
 
-    where: top or right. label: of the axis. scale: one such unit in the first's: 0.0254 for in/s
-    over an axis in m/s.
+    where: top or right.
+    label: of the axis.
+    scale: one such unit in the first's: 0.0254 for in/s over an axis in m/s.
     """
     functions = (lambda x: np.asarray(x) / scale, lambda x: np.asarray(x) * scale)
     if where == "top":

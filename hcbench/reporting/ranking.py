@@ -48,7 +48,8 @@ def choices(view: View, answer: Mapping[str, Any]) -> list[PageChoice]:
 def _choice(view: View, answer: Mapping[str, Any], choice: Mapping[str, Any]) -> PageChoice:
     """One of an answer's choices as the page shows it.
 
-    view: results under the answer's gravity. answer, choice: as the JSON of `hcbench tune`.
+    view: results under the answer's gravity.
+    answer, choice: as the JSON of `hcbench tune`.
     """
     kind = str(choice["kind"])
     setting = str(choice["setting"])
@@ -115,7 +116,8 @@ def answer_of(
 ) -> Mapping[str, Any] | None:
     """The answer of `tune`, as JSON, for an engine, a step and an α; None where no answer is known.
 
-    timestep: s. alpha: s/m; None for the view's main one.
+    timestep: s.
+    alpha: s/m; None for the view's main one.
     """
     return view.answers.get(
         (engine, timestep, f"{view.main_alpha if alpha is None else alpha:.9g}")
@@ -190,8 +192,10 @@ _OTHER_SIZE = 2.0
 class RunVerdict:
     """Verdict on one run, in words.
 
-    restitution: on its e. loop: on its force loops. grade: "good", "even", "bad", for colour beside
-    the words. lacks: what keeps it from being used under gravity.
+    restitution: on its e.
+    loop: on its force loops.
+    grade: "good", "even", "bad", for colour beside the words.
+    lacks: what keeps it from being used under gravity.
     """
 
     restitution: str
@@ -201,8 +205,10 @@ class RunVerdict:
 
 
 def over_constant(view: View, run: RunKey, alpha: float) -> float:
-    """Largest error against the law over the best constant's: above 1 a constant
-    would do better; NaN for no score.
+    """Largest error of e against the law, divided by that of the best constant e: above 1 a
+    constant would do better. NaN for a run without a score.
+
+    alpha: of the law, s/m.
     """
     score = view.score(run, alpha)
     if score is None:

@@ -338,8 +338,9 @@ class View:
     def _run(self, scene: Any, engine: Any, setting: Any, timestep: Any = 0.0) -> RunKey:
         """The run with these values of its key.
 
-        scene, engine, setting: names, or texts of NumPy. timestep: s. Raises KeyError for a scene
-        that the study does not have.
+        scene, engine, setting: names, or texts of NumPy.
+        timestep: s.
+        Raises KeyError for a scene that the study does not have.
         """
         place = ""
         if scene != self.study["scene"]:

@@ -406,7 +406,9 @@ def _around_band(
     below_band = np.geomspace(min(slowest, low), low, _SPEEDS)
     above_band = np.geomspace(high, max(high, _FAST), 3)
     launches = []
-    for v in (*below_band, *above_band):
+    # Each speed once: both ends of a band of one speed are one, and so are all speeds beside an end
+    # that lies at the limit of what is tried.
+    for v in dict.fromkeys((*below_band, *above_band)):
         for number in range(phases):
             phase = (number + 0.5) / phases
             launches.append(Launch.touching(v, phase, timestep, gravity))

@@ -59,7 +59,8 @@ class Choice:
     max_e: the largest e in that band and below.
     passivity: None where it was not measured.
     rests: a body comes to rest on it.
-    needs: what a user's model must have. notes: sentences on it.
+    needs: what a user's model must have.
+    notes: sentences on it.
     promise: what `measure` will compare with.
     """
 
@@ -293,8 +294,8 @@ class Answer(Drawn):
         """The best choice with what the engine did with it.
 
         A plug-in has no run of its own: then this is the first other choice that was run; and if
-        there is none, the plug-in is run now. Raises SettingError where there is no choice, and
-        what the engine raises in that run.
+        there is none, the plug-in is run now.
+        Raises SettingError where there is no choice, and what the engine raises in that run.
         """
         for choice in (self.best, *self.choices):
             if choice.tuned is not None:

@@ -162,7 +162,7 @@ def tune(
     registry.engine(engine)
     if timestep is None:
         raise UserError("timestep", "missing", "the engine's step, such as '1 ms'")
-    setting, wanted = make_target(
+    tried_scene, wanted = make_target(
         material=material,
         alpha=alpha,
         restitution=restitution,
@@ -185,7 +185,7 @@ def tune(
     max_error = units.parse_max_error(max_error)
     with report_progress(progress):
         return find_answer(
-            engine, wanted, setting, recipe, match, integrator, max_error, names, kind
+            engine, wanted, tried_scene, recipe, match, integrator, max_error, names, kind
         )
 
 
@@ -339,7 +339,9 @@ def _without_include(text: str, outputs: Mapping[str, Path], include: str) -> li
     """A sentence if a model and a file of its lines are written, but the model does not include
     that file; else none.
 
-    text: of the model. outputs: files, by their options. include: the file's name in the model.
+    text: of the model.
+    outputs: files, by their options.
+    include: the file's name in the model.
     """
     if len(outputs) < 2 or f'<include file="{include}"/>' in text:
         return []
@@ -378,7 +380,8 @@ def _listed(pair: BodyPair | Sequence[BodyPair] | None) -> list[BodyPair]:
 def _output(model: Path | None, include: Path | None, version: str | None) -> Output:
     """The files to write and the version that has to load them.
 
-    model, include: paths, or None. version: "ENGINE@3.5", or None for the installed engine.
+    model, include: paths, or None.
+    version: "ENGINE@3.5", or None for the installed engine.
     Raises UserError for another form of the version.
     """
     engine = ""
@@ -470,37 +473,32 @@ def make_target(
     else:
         known.curve(reading)
         alpha, restitution, points = known.target
-    setting = load_scene(scene)
-    n = setting.exponent
-    if exponent is not None:
-        n = units.parse(exponent, "exponent", "--exponent")
-    k = setting.stiffness
-    if stiffness is not None:
-        k = units.parse(stiffness, "stiffness", "--stiffness", n)
-    elif n != setting.exponent:
-        raise UserError("--stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
+    loaded = load_scene(scene)
+    k, n = _stiffness_and_exponent(loaded, stiffness, exponent)
     step = units.parse(timestep, "timestep", "timestep", above=0)
     g = _GRAVITY
     if gravity is not None:
         g = units.parse(gravity, "acceleration", "gravity")
     low, high = _band_of(speeds, known, points, step, g)
-    m = setting.mass
+    m = loaded.mass
     if mass is not None:
         m = units.parse(mass, "mass", "mass")
+    # Of the four kinds of target three are points (v, e): a spring has one at each of some speeds,
+    # and one e for all speeds is a single point.
     if spring is not None:
         points = spring.points(m, low, high)
     if restitution is not None:
         points = ((low, units.parse(restitution, "restitution", "restitution")),)
+    # Without an α the law gives the contact's duration and depth alone.
     rate = 0.0
     if alpha is not None:
         rate, _ = units.parse_uncertain(alpha, "alpha", "alpha")
-    law = HuntCrossley(k, rate, n)
     as_read = "points" if points else reading
     mu = friction
     if mu is None:
-        mu = default_friction if setting.form == "plane" else 0.0
+        mu = default_friction if loaded.form == "plane" else 0.0
     target = Target(
-        law=law,
+        law=HuntCrossley(k, rate, n),
         mass=m,
         timestep=step,
         speed_min=low,
@@ -514,7 +512,25 @@ def make_target(
         corners_asked=corners is not None,
         material="" if known is None else known.line,
     )
-    return setting, target
+    return loaded, target
+
+
+def _stiffness_and_exponent(
+    scene: Scene, stiffness: Quantity | None, exponent: float | None
+) -> tuple[float, float]:
+    """k, N/mⁿ, and n of the law: as the user gave them, else the scene's.
+
+    Raises UserError for an exponent other than the scene's without its stiffness, whose unit
+    depends on it, and QuantityError for text that is not such a quantity.
+    """
+    n = scene.exponent
+    if exponent is not None:
+        n = units.parse(exponent, "exponent", "--exponent")
+    if stiffness is not None:
+        return units.parse(stiffness, "stiffness", "--stiffness", n), n
+    if n != scene.exponent:
+        raise UserError("--stiffness", f"missing for exponent {n:g}", f"k in N/m^{n:g}")
+    return scene.stiffness, n
 
 
 def _band_of(
@@ -526,9 +542,11 @@ def _band_of(
 ) -> tuple[float, float]:
     """The band of impact speeds, m/s: as given, else that of the target, else the default.
 
-    known: the material of the target. points: pairs of v, m/s, and e. timestep: s; gravity: m/s².
-    Warns where the band is outside what was measured of the material. Raises QuantityError for
-    speeds that are none.
+    known: the material of the target.
+    points: pairs of v, m/s, and e.
+    timestep: s.
+    gravity: m/s². Warns where the band is outside what was measured of the material.
+    Raises QuantityError for speeds that are none.
     """
     low, high = default_band(timestep, gravity)
     if speeds is not None:
@@ -557,10 +575,12 @@ def _wanted_of_model(
     """Target of pairs of a model, and the band of speeds, m/s: as given, else the target's.
 
     rebound: of a robot from a drop of 10 cm, m or text with a unit; None for another target.
-    target: how α is read, "law" or "linear". points: pairs of v, m/s, and e.
+    target: how α is read, "law" or "linear".
+    points: pairs of v, m/s, and e.
     ways: all targets but material and rebound (the points among them), by their options' names.
-    Warns where the band is outside what was measured of the material. Raises UserError for none or
-    several targets, and QuantityError for text that is not such a quantity.
+    Warns where the band is outside what was measured of the material.
+    Raises UserError for none or several targets, and QuantityError for text that is not such a
+    quantity.
     """
     if rebound is not None:
         return _rebound(rebound, material=material, **ways), DEFAULT_SPEEDS
@@ -576,9 +596,10 @@ def _wanted_of_model(
 def _rebound(rebound: Quantity, **others: object) -> Rebound:
     """The target of a robot: how high its centre of mass rebounds from a drop of 10 cm.
 
-    rebound: m, or text with a unit. others: the other targets, by the names of their options; each
-    has to be None. Raises UserError where one is not, and for a rebound that is not below the drop;
-    QuantityError for text that is not a length.
+    rebound: m, or text with a unit.
+    others: the other targets, by the names of their options; each has to be None.
+    Raises UserError where one is not, and for a rebound that is not below the drop; QuantityError
+    for text that is not a length.
     """
     given = [f"--{name}" for name, value in others.items() if value is not None]
     if given:
@@ -597,8 +618,10 @@ def _wanted(
 ) -> tuple[RestitutionCurve | AdamsImpact | NewtonSpring, Sequence[float]]:
     """Target of pairs of a model, and the default band of speeds, m/s.
 
-    target: how α is read. known: the material of the target, or None.
-    points: pairs of v, m/s, and e. ways: the other targets, by the names of their options.
+    target: how α is read.
+    known: the material of the target, or None.
+    points: pairs of v, m/s, and e.
+    ways: the other targets, by the names of their options.
     Raises UserError for none or several of them.
     """
     if known is not None:

@@ -100,23 +100,31 @@ def held_out_launches(target: Target) -> Sequence[Launch]:
 
     A phase is where in a step the body touches, 0 to 1. Speeds are those at touch, both ends of
     the band among them; with friction, random launches slip up to the band's highest speed. One
-    target always has the same launches. Raises SettingError for a band that begins at a speed that
-    gravity gives within half a step.
+    target always has the same launches.
+    Raises SettingError for a band that begins at a speed that gravity gives within half a step.
     """
+    # Multiples of the golden ratio, modulo 1, are spread evenly, and no search has just these.
     inside = np.sort((np.arange(1, _SPEEDS - 1) * _GOLDEN) % 1.0)
-    grid = target.speed_min + _width(target) * np.concatenate([[0.0], inside, [1.0]])
-    phases = (np.arange(_PHASES) + _GOLDEN) / _PHASES
+    speeds_of_grid = target.speed_min + _width(target) * np.concatenate([[0.0], inside, [1.0]])
+    phases_of_grid = (np.arange(_PHASES) + _GOLDEN) / _PHASES
     # Each speed at each phase, phases of one speed after another.
-    speed = np.repeat(grid, _PHASES)
-    phase = np.tile(phases, len(grid))
+    grid_speeds = np.repeat(speeds_of_grid, _PHASES)
+    grid_phases = np.tile(phases_of_grid, _SPEEDS)
     random = np.random.default_rng(_SEED)
     shares = random.uniform(size=_RANDOM)
     # Squares crowd towards the low end: slow impacts are the hard ones.
     shares[::2] **= 2
-    speeds = np.concatenate([speed, target.speed_min + _width(target) * shares])
-    where = np.concatenate([phase, random.uniform(0.001, 0.999, _RANDOM)])
-    slips = np.concatenate([np.zeros(speed.size), random.uniform(size=_RANDOM)]) * target.speed_max
-    return tuple(_launches(target, speeds, where, slips))
+    random_speeds = target.speed_min + _width(target) * shares
+    random_phases = random.uniform(0.001, 0.999, _RANDOM)
+    random_slips = random.uniform(size=_RANDOM) * target.speed_max
+    return tuple(
+        _launches(
+            target,
+            speeds=np.concatenate([grid_speeds, random_speeds]),
+            phases=np.concatenate([grid_phases, random_phases]),
+            slips=np.concatenate([np.zeros(grid_speeds.size), random_slips]),
+        )
+    )
 
 
 def corner_launches(target: Target) -> list[Launch]:
@@ -124,8 +132,8 @@ def corner_launches(target: Target) -> list[Launch]:
     the end of a step.
 
     Over the phase e is a sawtooth, over the speed it is furthest off at an end: few launches at
-    random come near such a corner. Raises SettingError for a band that begins at a speed that
-    gravity gives within half a step.
+    random come near such a corner.
+    Raises SettingError for a band that begins at a speed that gravity gives within half a step.
     """
     speeds = np.repeat([target.speed_min, target.speed_max], len(_STEP_ENDS))
     return _launches(target, speeds, np.tile(_STEP_ENDS, 2), np.zeros(speeds.size))
@@ -138,8 +146,9 @@ def _width(target: Target) -> float:
 def _launches(target: Target, speeds: Floats, phases: Floats, slips: Floats) -> list[Launch]:
     """Launches that touch at given speeds and phases, n of them.
 
-    speeds: at touch, m/s, shape (n,). phases: where in a step they touch, 0 to 1, (n,). slips:
-    along the plate, m/s, (n,); 0 is taken for a target without friction.
+    speeds: at touch, m/s, shape (n,).
+    phases: where in a step they touch, 0 to 1, (n,).
+    slips: along the plate, m/s, (n,); 0 is taken for a target without friction.
 
     Raises SettingError for a band that begins at a speed that gravity alone gives in half a step:
     a body so slow is never in free fall for the whole step before it touches.
@@ -168,8 +177,9 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
 
     With friction bodies slide and spin, too: in the engine itself, or in the one whose contact it
     has. An engine without steps, or one that controls its error, gets each speed of the grid at one
-    phase, and each eighth of the random launches. A setting that leaves a launch of the grid
-    without an e is of no use: it is judged by the grid alone.
+    phase, and each eighth of the random launches.
+    A setting that leaves a launch of the grid without an e is of no use: it is judged by the grid
+    alone.
 
     Raises SettingError for a setting that the engine cannot have and for a band that begins at a
     speed that gravity gives within half a step; SceneError, EngineMissing and EngineFailed of the
@@ -183,7 +193,7 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
         target = replace(target, friction=0.0)
 
     def run(launches: Sequence[Launch]) -> list[Impact]:
-        """Impacts of launches, those at an angle in the engine that has them."""
+        """Impacts of launches; those at an angle come last where another engine has them."""
         if oblique is None or oblique.engine == engine.name:
             return engine.run(scene, setting, launches)
         straight = [launch for launch in launches if not launch.is_oblique]
@@ -193,7 +203,8 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
 
     launches = [*held_out_launches(target)]
     if oblique is not None and oblique.engine != engine.name:
-        # Its own steps are judged by as many launches.
+        # Random launches with friction slide, and run in the other engine. As many straight down
+        # judge the engine's own steps.
         launches += held_out_launches(replace(target, friction=0.0))[_SPEEDS * _PHASES :]
     if not isinstance(adapter_of(engine), SteppedEngine) or _error_controlled(engine, setting):
         # No phase of a step matters, and each may cost an ODE.
@@ -207,22 +218,37 @@ def evaluate(engine: Engine, scene: Scene, setting: Setting, target: Target) -> 
     if target.friction:
         others += oblique_launches(target)
     impacts += run(others)
+    _launch_near_worst(impacts, run, target, scene)
+    impacts += run(corner_launches(target))
+    return evaluate_impacts(impacts, target, scene)
+
+
+def _launch_near_worst(
+    impacts: list[Impact],
+    run: Callable[[Sequence[Launch]], list[Impact]],
+    target: Target,
+    scene: Scene,
+) -> None:
+    """Launch ever nearer to the worst impact of all, by its error of e and, with friction, also by
+    that of friction's impulse.
+
+    impacts: those until now, one or more; the new ones are added to it.
+    run: simulates launches.
+    """
     random = np.random.default_rng(_SEED)
     measures: list[_Measure] = [_errors]
     if target.friction:
         measures.append(_friction_errors)
     # By each measure, the errors of the impacts until now, in their order.
     known: dict[_Measure, Floats] = dict.fromkeys(measures, np.empty(0))
-    for halving, measure in itertools.product(range(_ROUNDS), measures):
+    for nearer, measure in itertools.product(range(_ROUNDS), measures):
         unjudged = impacts[known[measure].size :]
         # An impact that has no such error is never the worst.
         new_errors = np.nan_to_num(measure(unjudged, target, scene), nan=-1.0)
         known[measure] = np.concatenate([known[measure], new_errors])
         worst = impacts[int(known[measure].argmax())]
-        reach = _NEARBY / 4.0**halving
+        reach = _NEARBY / 4.0**nearer
         impacts += run(_near(worst, target, reach, random))
-    impacts += run(corner_launches(target))
-    return evaluate_impacts(impacts, target, scene)
 
 
 def _near(worst: Impact, target: Target, reach: float, random: np.random.Generator) -> list[Launch]:

@@ -83,7 +83,8 @@ def _choose_for_loop(
 ) -> tuple[Recipe, str]:
     """Native recipe whose loop of force over penetration is that of the law, and what it promises.
 
-    recipes: the engine's. form: of the scene, "plane" or "cup".
+    recipes: the engine's.
+    form: of the scene, "plane" or "cup".
     match: what the user asked to match, for the errors.
     contact: how many steps the law's contact lasts, as a sentence.
     Raises SettingError where the step does not resolve the loop, for a target without α, and for an
@@ -219,8 +220,9 @@ def _answered(
 ) -> Answer:
     """The answer of these choices, without those that have flaws.
 
-    asked: the kind that is preferred, None for none. named: the choice by the recipe that the user
-    named, which stays the answer's `named` even with flaws; then it is listed as one never to use.
+    asked: the kind that is preferred, None for none.
+    named: the choice by the recipe that the user named, which stays the answer's `named` even with
+    flaws; then it is listed as one never to use.
     """
     advised = [choice for choice in choices if choice.tuned is None or not choice.tuned.flaws]
     never = [*finder.never]
@@ -253,9 +255,11 @@ class _Finder:
     ) -> None:
         """Prepare the search of one answer.
 
-        engine: a registered name. scene: in the target's conditions. integrator: of an engine that
-        has several; None for each recipe's own. max_error: of e, within which the simplest setting
-        will do. pair: names of the two bodies in the user's model.
+        engine: a registered name.
+        scene: in the target's conditions.
+        integrator: of an engine that has several; None for each recipe's own.
+        max_error: of e, within which the simplest setting will do.
+        pair: names of the two bodies in the user's model.
         Raises UserError for an unknown engine.
         """
         self.engine = engine
@@ -298,7 +302,8 @@ class _Finder:
         exact kind was asked for, as it needs no search.
 
         tried: candidates for settings and for one e, the simplest first, each with the reason for
-        it. asked: the kind that the user prefers, or None.
+        it.
+        asked: the kind that the user prefers, or None.
         Settings not nearer to the target than one e for all speeds go to `never`. Without a
         C compiler the plug-in is left out, unless it is the kind asked for: then NotCompiled.
         If no setting of the engine's own is left, raises the first refusal or failure, but not
@@ -314,9 +319,6 @@ class _Finder:
         _, least = minimax_constant(self.target)
         settings = self._best(others, self._max_error)
         constant = self._best(constants, max(_NEAR * least, 1e-9))
-        chosen: list[Choice] = []
-        if exact is not None:
-            chosen.append(exact)
         if settings is not None and constant is not None and not settings.error < constant.error:
             why = (
                 f"no nearer than one e for all speeds: {two_digits(settings.error)} where that is "
@@ -324,22 +326,28 @@ class _Finder:
             )
             self.never.append(Never(settings.setting.name, why))
             settings = None
+        has_native = settings is not None or constant is not None
+        # An integrator is of the engine's own contact: the plug-in is no answer to who names one.
+        plug_in_will_do = exact is not None and not self._integrator
+        if self._refused is not None and not has_native and not plug_in_will_do:
+            raise self._refused
+        chosen: list[Choice] = []
+        if exact is not None:
+            chosen.append(exact)
         if settings is not None:
             chosen.append(self.choice("settings", settings))
         if constant is not None:
             chosen.append(self.choice("constant", constant))
-        nothing = settings is None and constant is None
-        if self._refused is not None and nothing and (not chosen or self._integrator):
-            raise self._refused
         return chosen
 
     def _best(self, tried: Sequence[tuple[Recipe, str]], enough: float) -> Tuned | None:
         """Evaluate recipes in turn: the first setting without flaws whose error is small enough, or
         else the one with the least error; None if none is without flaws.
 
-        tried: recipes, each with the reason for it. enough: an error of e that is small enough.
-        Settings with flaws go to `never`; a recipe that raises SettingError or EngineMissing is
-        passed over, and the first such error kept for `choices`.
+        tried: recipes, each with the reason for it.
+        enough: an error of e that is small enough. Settings with flaws go to `never`; a recipe that
+        raises SettingError or EngineMissing is passed over, and the first such error kept for
+        `choices`.
         """
         usable: list[Tuned] = []
         for recipe, why in tried:
@@ -412,8 +420,9 @@ class _Finder:
     ) -> Promise:
         """The largest error of e over a band, with the conditions in which it was found.
 
-        error: of e. band: lowest and highest impact speed, m/s. passivity: of the test of energy;
-        None where there was none.
+        error: of e.
+        band: lowest and highest impact speed, m/s.
+        passivity: of the test of energy; None where there was none.
         """
         target = self.target
         curve = target.curve
@@ -454,8 +463,8 @@ class _Finder:
     def _exact_if_compiled(self, asked: Kind | None) -> Choice | None:
         """The choice with the plug-in; None where there is none, or where it cannot be compiled.
 
-        asked: the kind that the user prefers, or None. Raises NotCompiled where that is "exact";
-        else `left_out` has the reason.
+        asked: the kind that the user prefers, or None.
+        Raises NotCompiled where that is "exact"; else `left_out` has the reason.
         """
         try:
             return self._exact()
@@ -477,13 +486,15 @@ class _Finder:
 
         None where the engine has no plug-in for such a target, where it is exact nowhere in the
         band, where a launch gives no e, and where energy grows. Where the engine is missing or
-        fails, energy is not measured. Raises NotCompiled.
+        fails, energy is not measured.
+        Raises NotCompiled.
         """
         target = self.target
         recipe = self._law()
         if recipe is None or not {target.kind, target.reading} & set(recipe.kinds):
             return None
         if recipe.exact_above is None:
+            # Its recipe states no speed from which it is exact: it is judged as any other setting.
             tuned = self._best([(recipe, "a law in place of the contact")], math.inf)
             if tuned is None:
                 return None
@@ -492,27 +503,18 @@ class _Finder:
         low = exact_from(recipe, target)
         if low > target.speed_max:
             return None
-        train = LongestTrain(target.curve, _EXACT, target.speed_max)
-        try:
-            passivity = self._adapter.passivity(
-                self.scene, setting, (low, target.speed_max), train=train
-            )
-            passivity = self._adapter.with_boxes(self.scene, setting, passivity)
-        except (EngineMissing, EngineFailed):
-            passivity = None
-        if passivity is not None and not self._bounces(setting, (low, target.speed_max)):
-            got = f"launches gave no restitution at {low:.3g} or {target.speed_max:.3g} m/s"
-            advice = "Try other speeds or another step"
-            slot = f"{self.engine} {recipe.name!r}"
-            self._refused = self._refused or EngineFailed(slot, got, "a bounce from each", advice)
-            return None
-        if passivity is not None and passivity.warning:
-            self.never.append(Never(recipe.name, passivity.warning))
-            return None
+        band = low, target.speed_max
+        passivity = self._passivity_of_law(setting, band)
+        # e falls with speed: by the law it is largest at the lowest.
         max_e = float(target.restitution(low))
         if passivity is not None:
+            if not self._bounces(setting, band):
+                self._refused = self._refused or self._no_bounce(recipe, band)
+                return None
+            if passivity.warning:
+                self.never.append(Never(recipe.name, passivity.warning))
+                return None
             max_e = max(max_e, passivity.bounces.max_e)
-        band = low, target.speed_max
         error = recipe.within or _EXACT
         promise = self._promise(setting, error, band, passivity)
         text = self._adapter.snippet(setting, self.scene.form, self.pair)
@@ -528,6 +530,30 @@ class _Finder:
             needs=(*self._adapter.needs(setting), *_above(low, target.speed_min)),
             notes=recipe.notes,
             promise=promise,
+        )
+
+    def _passivity_of_law(self, setting: Setting, band: tuple[float, float]) -> Passivity | None:
+        """Test whether the plug-in's setting gains energy, with a ball, boxes and a capsule; None
+        where the engine is missing or fails, so that nothing was measured.
+
+        band: lowest and highest impact speed at which the law is exact, m/s.
+        """
+        target = self.target
+        train = LongestTrain(target.curve, _EXACT, target.speed_max)
+        try:
+            passivity = self._adapter.passivity(self.scene, setting, band, train=train)
+            return self._adapter.with_boxes(self.scene, setting, passivity)
+        except (EngineMissing, EngineFailed):
+            return None
+
+    def _no_bounce(self, recipe: Recipe, band: tuple[float, float]) -> EngineFailed:
+        """The error to raise for a plug-in with which a launch at an end of the band, m/s, has no e."""
+        low, high = band
+        return EngineFailed(
+            f"{self.engine} {recipe.name!r}",
+            f"launches gave no restitution at {low:.3g} or {high:.3g} m/s",
+            "a bounce from each",
+            "Try other speeds or another step",
         )
 
 
@@ -564,10 +590,12 @@ def tune(
 ) -> Tuned:
     """Find a setting that matches a target, evaluated under the target's gravity and friction.
 
-    engine: a registered name. recipe: the name of one of its recipes, or "auto". match: what "auto"
-    aims at. integrator: of an engine that has several; None for the recipe's own. progress: called
-    with the evaluations of a search (done, at most). max_error: of e, within which the simplest
-    setting will do.
+    engine: a registered name.
+    recipe: the name of one of its recipes, or "auto".
+    match: what "auto" aims at.
+    integrator: of an engine that has several; None for the recipe's own.
+    progress: called with the evaluations of a search (done, at most).
+    max_error: of e, within which the simplest setting will do.
     Raises SettingError where no recipe can serve the target, EngineMissing, EngineFailed, and
     SearchInterrupted with the best so far where an interrupt ends a search.
     """

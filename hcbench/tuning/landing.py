@@ -57,8 +57,9 @@ def tune_landing(
     """Find a setting of a robot's feet with which its centre of mass rebounds by so much, and with
     which nothing else of its landing is worse.
 
-    source, requests: the model, and one request for each foot with the floor. before: the landing
-    of the model as it is, which is the answer where it has the rebound. rebound: the target, m.
+    source, requests: the model, and one request for each foot with the floor.
+    before: the landing of the model as it is, which is the answer where it has the rebound.
+    rebound: the target, m.
     output: where the texts are to be written.
     Else the answer is the first setting that has the rebound and makes nothing worse; or the one
     that makes the fewest quantities worse, of those whose rebound is nearer than the model's.
@@ -122,7 +123,8 @@ def _nearer(tried: Sequence[_Judged], before: DropTest, rebound: float) -> list[
 def _tuned(setting: ModelSetting | None, change: LandingChange, output: Output) -> TunedModel:
     """The answer with a setting of the feet; with the model as it is for None.
 
-    change: the landing before and after. output: where the texts are to be written.
+    change: the landing before and after.
+    output: where the texts are to be written.
     """
     name = AS_IT_IS
     texts = Texts("")

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -101,7 +101,8 @@ class _TuneJob(Job):
     """A job of measuring, with what tuning needs besides.
 
     others: requests of further pairs.
-    spring: what gives e, in place of `wanted`; rebound: of a robot, m, in place of an e.
+    spring: what gives e, in place of `wanted`.
+    rebound: of a robot, m, in place of an e.
     max_error: of e, within which the simplest setting will do.
     """
 
@@ -127,10 +128,13 @@ def tune_job(
 
     A model in a file is run in a worker. A loose box is tried on face, edge and vertex.
 
-    source: the model. requests: one a pair; their speeds span the band. wanted: e over speed, what
-    Adams or Newton state, or a robot's rebound. engine: its name; None for the one that opens the
-    model. max_error: of e, within which the simplest setting will do. limit: s, after which the
-    model counts as hung. output: where the texts are to be written.
+    source: the model.
+    requests: one a pair; their speeds span the band.
+    wanted: e over speed, what Adams or Newton state, or a robot's rebound.
+    engine: its name; None for the one that opens the model.
+    max_error: of e, within which the simplest setting will do.
+    limit: s, after which the model counts as hung.
+    output: where the texts are to be written.
     Raises UserError for a pair that cannot meet.
     """
     if len(requests) == 0:
@@ -221,9 +225,9 @@ def _tuned(job: Job) -> TunedModel:
     nearest, or the model as it is where that is nearer still.
 
     A setting will do if e is within the job's `max_error` for all pairs, and all that stands still
-    stands as still as before. One that throws up what slides comes after all others. Raises
-    UserError for an engine that tunes no models, for a file that it cannot write, and where every
-    setting has a launch without an e.
+    stands as still as before. One that throws up what slides comes after all others.
+    Raises UserError for an engine that tunes no models, for a file that it cannot write, and where
+    every setting has a launch without an e.
     """
     assert isinstance(job, _TuneJob)
     requests = (job.request, *job.others)
@@ -246,58 +250,39 @@ def _tuned(job: Job) -> TunedModel:
         return engine.open(rebuild() if rebuild else source, request, rebuild)
 
     wanted = job.wanted or _of_spring(job, requests, as_it_was)
-    # Each pair in each way that its body can lie (face, edge, vertex), with that way's name.
     attitudes: list[tuple[str, Request]] = []
     for request in requests:
         attitudes += engine.attitudes(source, request)
-    # One request for each attitude of each pair: a setting has to hold in all of them.
-    alike = [request for _, request in attitudes]
     before = engine.standing(source, None, requests)
-    tries: list[_Try] = []
-    for setting in engine.model_settings(
-        source, alike, wanted, before, rebuild, job.output.version
-    ):
-        error = _tried(setting, alike, wanted, job.max_error)
-        if not tries and math.isinf(error) and len(requests) == 1:
-            _require_touches(setting, as_it_was, attitudes, wanted)
-        if setting.slides and all(error < tried.error for tried in tries):
-            lift = _lift(setting.open, alike)
-            # A change that the model as it is has, too, does not count.
-            if lift > max(job.max_error, WORSE * _lift(as_it_was, alike)):
-                error = max(error, lift)
-        after = engine.standing(source, setting, requests)
-        worse = len(list(after.worse_than(before)))
-        pairs = None
-        if error <= job.max_error and not worse:
-            # Few launches may have missed the worst.
-            pairs = _measured(setting.open, attitudes, wanted, held_out=True)
-            error = max(error, largest_error(pairs))
-        tries.append(
-            _Try(
-                setting=setting,
-                standing=after,
-                error=error,
-                worse=worse,
-                throws_up=after.throws_up(before),
-                pairs=pairs,
-            )
-        )
-        if error <= job.max_error and not worse:
-            break
+    search = _TuneSearch(
+        engine=engine,
+        source=source,
+        requests=requests,
+        attitudes=attitudes,
+        wanted=wanted,
+        max_error=job.max_error,
+        as_it_was=as_it_was,
+        before=before,
+        landed=landed,
+    )
+    settings = engine.model_settings(
+        source, search.alike, wanted, before, rebuild, job.output.version
+    )
+    tries = _tries(search, settings)
     untuned = _measured(as_it_was, attitudes, wanted, held_out=False)
     as_it_is = ModelSetting(AS_IT_IS, (), as_it_was, lambda *_: Texts(""))
     stays = _Try(as_it_is, standing=before, error=largest_error(untuned), worse=0, throws_up=False)
-    order = _in_order(tries, stays, alike, wanted, job.max_error)
+    order = _in_order(tries, stays, search.alike, wanted, job.max_error)
     limit = max(job.max_error, GAINS * largest_error(untuned))
     enough = min(job.max_error, MAX_ERROR)
-    best = _best(engine, requests, attitudes, wanted, landed, limit, order, enough)
+    best = _best(search, order, limit, enough)
     setting = best.setting
     pairs = best.pairs or ()
     # A dict keeps each note once, in order.
     notes = dict.fromkeys(setting.notes)
     for pair in pairs:
         notes |= dict.fromkeys(pair.facts.notes)
-    launched = list(zip(alike, pairs, strict=True))
+    launched = list(zip(search.alike, pairs, strict=True))
     promises = [_promise(setting.name, request, wanted, launched) for request in requests]
     return TunedModel(
         name=setting.name,
@@ -312,6 +297,83 @@ def _tuned(job: Job) -> TunedModel:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _TuneSearch:
+    """The model and the target that settings are tried for.
+
+    requests: one a pair.
+    attitudes: each pair in each way that its body can lie (face, edge, vertex): that way's name,
+    and the request.
+    wanted: e over speed.
+    max_error: of e, within which a setting will do.
+    as_it_was: opens the model without a setting, for a request.
+    before: how the model stands without a setting.
+    landed: how the robot of the pairs lands without one; None for a model without a robot.
+    """
+
+    engine: TunesModels
+    source: Any
+    requests: Sequence[Request]
+    attitudes: Sequence[tuple[str, Request]]
+    wanted: RestitutionCurve
+    max_error: float
+    as_it_was: Callable[[Request], ModelUnderTest]
+    before: Standing
+    landed: DropTest | None
+
+    @property
+    def alike(self) -> list[Request]:
+        """One request for each attitude of each pair: a setting has to hold in all of them."""
+        return [request for _, request in self.attitudes]
+
+
+def _tries(search: _TuneSearch, settings: Iterable[ModelSetting]) -> list[_Try]:
+    """Try settings, in their order, up to the first that will do; one or more.
+
+    Raises UserError for a single pair that does not touch with the first, nor in the model as it
+    is.
+    """
+    tries: list[_Try] = []
+    for setting in settings:
+        error = _tried(setting, search.alike, search.wanted, search.max_error)
+        if not tries and math.isinf(error) and len(search.requests) == 1:
+            _require_touches(setting, search.as_it_was, search.attitudes, search.wanted)
+        is_nearest = all(error < tried.error for tried in tries)
+        # Sliding takes more launches: a setting that others surpass is not worth them.
+        if setting.slides and is_nearest:
+            error = max(error, _excess_lift(search, setting))
+        after = search.engine.standing(search.source, setting, search.requests)
+        worse = len(list(after.worse_than(search.before)))
+        pairs = None
+        if error <= search.max_error and not worse:
+            # Few launches may have missed the worst.
+            pairs = _measured(setting.open, search.attitudes, search.wanted, held_out=True)
+            error = max(error, largest_error(pairs))
+        tries.append(
+            _Try(
+                setting=setting,
+                standing=after,
+                error=error,
+                worse=worse,
+                throws_up=after.throws_up(search.before),
+                pairs=pairs,
+            )
+        )
+        if error <= search.max_error and not worse:
+            break
+    return tries
+
+
+def _excess_lift(search: _TuneSearch, setting: ModelSetting) -> float:
+    """How much sliding changes e with a setting, see `_lift`; 0 where it is within the error that
+    is allowed, or hardly more than in the model as it is.
+    """
+    lift = _lift(setting.open, search.alike)
+    if lift > max(search.max_error, WORSE * _lift(search.as_it_was, search.alike)):
+        return lift
+    return 0.0
+
+
 def _in_order(
     tries: Sequence[_Try],
     stays: _Try,
@@ -321,8 +383,10 @@ def _in_order(
 ) -> list[_Try]:
     """The tries, the best first, and among them the model as it is.
 
-    tries: at least one. stays: the model as it is. wanted: e over speed. max_error: of e; nearer
-    than that counts alike.
+    tries: at least one.
+    stays: the model as it is.
+    wanted: e over speed.
+    max_error: of e; nearer than that counts alike.
     The model as it is comes first if the best try's error is not below its own (or its own is near
     enough, where the best try makes something worse); else last, or nowhere if it has no e.
     """
@@ -340,23 +404,14 @@ def _in_order(
     return [*order, stays] if math.isfinite(stays.error) else order
 
 
-def _best(
-    engine: TunesModels,
-    requests: Sequence[Request],
-    attitudes: Sequence[tuple[str, Request]],
-    wanted: RestitutionCurve,
-    landed: DropTest | None,
-    limit: float,
-    order: Sequence[_Try],
-    enough: float = 0.0,
-) -> _Try:
+def _best(search: _TuneSearch, order: Sequence[_Try], limit: float, enough: float) -> _Try:
     """The first try, in order, with which a robot lands no worse and no launch gains energy, if its
     error is within a limit; else the first that bounces at all, those that gain energy last.
 
-    requests: one a pair. attitudes: of each pair as it can lie, with the attitude's name. wanted: e
-    over speed. landed: the robot as it is; None for a model without a robot. limit: error of e that
-    is allowed; enough: of the model as it is. order: the best first. Raises UserError where each has
-    a launch without an e.
+    order: the tries, the best first, and among them the model as it is.
+    limit: error of e that is allowed with a setting.
+    enough: error of e that is allowed of the model as it is.
+    Raises UserError where each has a launch without an e.
     """
     # In order: what lands worse, then the first that lands no worse but is not near enough.
     others: list[_Try] = []
@@ -365,7 +420,7 @@ def _best(
     silent: list[str] = []
     for without_landing in order:
         # The landing of the first that lands worse may be shown, of the others one drop may do.
-        tried = _dropped(engine, requests, without_landing, landed, until_worse=bool(others))
+        tried = _dropped(search, without_landing, until_worse=bool(others))
         # A landing costs less than launches that no search saw: these only where it is good.
         if tried.landing is not None and tried.landing.worse:
             others.append(without_landing if others else tried)
@@ -375,7 +430,7 @@ def _best(
             # More launches, which cost as much as a search, find no smaller error.
             others.append(tried)
             break
-        judged = _judged_try(tried, attitudes, wanted)
+        judged = _judged_try(tried, search)
         if judged.failure:
             silent.append(judged.failure)
             continue
@@ -388,34 +443,29 @@ def _best(
         others.append(judged)
         break
     for tried in others + gaining:
-        judged = _judged_try(tried, attitudes, wanted)
+        judged = _judged_try(tried, search)
         if not judged.failure:
             if judged.landing is None:
-                judged = _dropped(engine, requests, judged, landed)
+                judged = _dropped(search, judged)
             return judged
         silent.append(judged.failure)
     got = f"with the setting {order[0].setting.name!r}, {silent[0]}"
     raise UserError("pair", got, _BOUNCES, "Try other --speeds, or a smaller --timestep")
 
 
-def _dropped(
-    engine: TunesModels,
-    requests: Sequence[Request],
-    tried: _Try,
-    landed: DropTest | None,
-    until_worse: bool = False,
-) -> _Try:
+def _dropped(search: _TuneSearch, tried: _Try, until_worse: bool = False) -> _Try:
     """Drop a robot with the setting of a try, and return the try with its landing; the try itself
     without a robot.
 
-    requests: one a pair. tried: the try. landed: the robot as it is; None for a model without a
-    robot. until_worse: one drop is enough where something is worse in it.
+    until_worse: one drop is enough where something is worse in it.
     """
+    landed = search.landed
     if landed is None:
         return tried
     after = landed
+    # The setting that leaves the model as it is has no model of its own.
     if tried.setting.source is not None:
-        after = engine.landing(tried.setting.source, requests, landed, until_worse)
+        after = search.engine.landing(tried.setting.source, search.requests, landed, until_worse)
     return dataclasses.replace(tried, landing=LandingChange(landed, after))
 
 
@@ -428,7 +478,8 @@ def _require_touches(
     """Refuse a pair with a launch that touches neither in the model as it is nor with a setting, by
     UserError: servos hold it back, and the search would take minutes to find no e.
 
-    as_it_was: opens the model as it is. attitudes: of the pair as it can lie, with their names.
+    as_it_was: opens the model as it is.
+    attitudes: of the pair as it can lie, with their names.
     """
     if all(pair.touches for pair in _measured(setting.open, attitudes, wanted, held_out=False)):
         return
@@ -438,14 +489,13 @@ def _require_touches(
             raise UserError("pair", pair.failure, _BOUNCES, advice)
 
 
-def _judged_try(
-    tried: _Try, attitudes: Sequence[tuple[str, Request]], wanted: RestitutionCurve
-) -> _Try:
-    """Measure the pairs with the setting of a try, and return the try with what they do.
-
-    attitudes: of each pair as it can lie, with the attitude's name. wanted: e over speed.
+def _judged_try(tried: _Try, search: _TuneSearch) -> _Try:
+    """Measure the pairs with the setting of a try, unless that was done, and return the try with
+    what they do.
     """
-    pairs = tried.pairs or _measured(tried.setting.open, attitudes, wanted, held_out=True)
+    pairs = tried.pairs
+    if not pairs:
+        pairs = _measured(tried.setting.open, search.attitudes, search.wanted, held_out=True)
     return dataclasses.replace(tried, pairs=pairs)
 
 
@@ -465,8 +515,9 @@ def _promise(
 ) -> Promise:
     """The promise of a setting for the pair of a request, over its band of speeds, m/s.
 
-    name: of the setting. wanted: e over speed. launched: what was asked and measured of all pairs,
-    in each of their attitudes.
+    name: of the setting.
+    wanted: e over speed.
+    launched: what was asked and measured of all pairs, in each of their attitudes.
     """
     theirs = [measured for asked, measured in launched if asked.pair == request.pair]
     band = min(request.speeds), max(request.speeds)
@@ -480,8 +531,8 @@ def _of_spring(
     """The curve e(v) of a contact by stiffness and damping (`job.spring`) between bodies of the
     pairs' effective mass, over the band of all requests.
 
-    opened: opens the model for the request of a pair. Raises UserError for pairs of different
-    effective masses, on which that e depends.
+    opened: opens the model for the request of a pair.
+    Raises UserError for pairs of different effective masses, on which that e depends.
     """
     assert job.spring is not None
     masses: list[float] = []
@@ -504,8 +555,10 @@ def _tried(
     """The largest error of e in a few launches of each pair with a setting; infinite where one has
     no e.
 
-    requests: one a pair. wanted: e over speed. enough: error of e that is near enough. After a pair
-    with a far larger error the pairs that are left are not launched: the result is a lower bound.
+    requests: one a pair.
+    wanted: e over speed.
+    enough: error of e that is near enough. After a pair with a far larger error the pairs that are
+    left are not launched: the result is a lower bound.
     """
     worst = 0.0
     for request in requests:
@@ -522,7 +575,8 @@ def _lift(opened: Callable[[Request], ModelUnderTest], requests: Sequence[Reques
     """The largest difference of e between launches that slide and those that do not, of one speed
     along the normal; infinite where one has no e or cannot slide.
 
-    opened: opens the model for a request. requests: one a pair.
+    opened: opens the model for a request.
+    requests: one a pair.
     """
     largest = 0.0
     phases = tuple((i + 0.5) / _TRIED_PHASES for i in range(_TRIED_PHASES))
@@ -555,10 +609,11 @@ def _measured(
 ) -> tuple[TunedPair, ...]:
     """Measure e(v) of each pair in each attitude, in this order.
 
-    opened: opens the model for a request. attitudes: (name, request) of each pair in each way that
-    its body can lie. wanted: e over speed. held_out: whether to measure at speeds and phases that no
-    search used, and nearer and nearer to the worst; else at three speeds of the band, enough to see
-    that a setting is far off.
+    opened: opens the model for a request.
+    attitudes: (name, request) of each pair in each way that its body can lie.
+    wanted: e over speed.
+    held_out: whether to measure at speeds and phases that no search used, and nearer and nearer to
+    the worst; else at three speeds of the band, enough to see that a setting is far off.
     """
     pairs = []
     for attitude, request in attitudes:
@@ -604,8 +659,10 @@ def _measured_pair(
     """Measure one pair: e(v) and the errors of e at these speeds, each at phases over the whole
     step.
 
-    opened: opens the model for a request. speeds: m/s. phases: how many a speed. wanted: e over
-    speed.
+    opened: opens the model for a request.
+    speeds: m/s.
+    phases: how many a speed.
+    wanted: e over speed.
     halvings: how often speeds between the worst one and its neighbours are added, to look for a
     larger error; each speed is then launched at the phases between which e differs, too, as
     `measure` does, and the setting is also judged by launches that no search saw.
@@ -651,7 +708,10 @@ def _measured_pair(
 
 
 def _failure(facts: Facts, impacts: Sequence[Impact]) -> str:
-    """Clause on the first impact without an e; "" where each has one. facts: of the pair."""
+    """Clause on the first impact without an e; "" where each has one.
+
+    facts: of the pair.
+    """
     failed = next((impact for impact in impacts if not impact.is_measured), None)
     if failed is None:
         return ""
@@ -664,8 +724,10 @@ def _judged(
 ) -> list[Impact]:
     """Impacts that no search saw: evenly over the band and the step, then ever nearer to the worst.
 
-    model: opened for the pair. request: its speeds span the band. wanted: the target, by which the
-    worst are known. before: impacts of the same setting, one of which may be the worst.
+    model: opened for the pair.
+    request: its speeds span the band.
+    wanted: the target, by which the worst are known.
+    before: impacts of the same setting, one of which may be the worst.
     """
     low = min(request.speeds)
     high = max(request.speeds)

@@ -39,7 +39,8 @@ LAYOUT = 1
 class Certificate:
     """Launches in some of the worlds, with each world's own parameters.
 
-    worlds: their numbers, (c,). speeds: launch speeds, m/s, (s,).
+    worlds: their numbers, (c,).
+    speeds: launch speeds, m/s, (s,).
     restitution: mean e over the phases of a step, (c, s).
     lowest, highest: e of a single launch in each world, (c,).
     friction: impulse of friction over that of the normal force in a launch that slides throughout,
@@ -66,9 +67,11 @@ class RandomWorlds(Shown):
     """Contacts of pairs of a model in many worlds.
 
     parameters: the engine's own, by their names in it; the first axis of each is the world.
-    restitution: e drawn for each world, (n,); friction: μ, None where it is the model's own.
+    restitution: e drawn for each world, (n,).
+    friction: μ, None where it is the model's own.
     bands: of both, as asked.
-    facts: of each pair, with what was drawn. name: of the family of contacts.
+    facts: of each pair, with what was drawn.
+    name: of the family of contacts.
     before, after: how the model stands as it is, and in the worlds at the corners of both bands.
     texts: the lines, and the whole model, to which the parameters belong.
     files: that were written.
@@ -184,7 +187,8 @@ class RandomWorlds(Shown):
     def save(self, path: str | Path, force: bool = False) -> Path:
         """Write the parameters and the certificate as an .npz file, whole or not at all.
 
-        force: replace a file that hcbench did not write. Raises UserError and OutputError.
+        force: replace a file that hcbench did not write.
+        Raises UserError and OutputError.
         """
         path = Path(path)
         write_output(path, self.archive(), "--out", force)
@@ -264,8 +268,9 @@ def p_uniform(values: Floats, band: Band) -> float:
     """Chance that values drawn uniformly over a band lie as far from uniform as these, by the test
     of Kolmogorov and Smirnov.
 
-    values: (n,). band: lowest and highest, in the unit of the values. NaN for a band of one number.
-    It takes the distribution for large n: SciPy's `kstest` gives the same to 1e-3 from 40 on.
+    values: (n,).
+    band: lowest and highest, in the unit of the values. NaN for a band of one number. It takes the
+    distribution for large n: SciPy's `kstest` gives the same to 1e-3 from 40 on.
     """
     low, high = band
     if not high > low:

@@ -91,7 +91,8 @@ _SAME_E = 1e-4
 class _RandomizeJob(Job):
     """A job of measuring, with what randomizing needs besides.
 
-    others: requests of further pairs. restitution, friction: bands; None: the model's own friction.
+    others: requests of further pairs.
+    restitution, friction: bands; None: the model's own friction.
     """
 
     others: tuple[Request, ...] = ()
@@ -239,8 +240,9 @@ def _each_pair(pair: BodyPair | Sequence[BodyPair] | None) -> list[Any]:
 def read_band(band: object, quantity: str) -> Band:
     """Lowest and highest value of a band: text such as "0.3:0.6", two numbers, or one for both.
 
-    quantity: name of the slot and of its unit, "restitution" or "friction". Raises QuantityError
-    for text that is not a number, UserError for more than two or a first above the second.
+    quantity: name of the slot and of its unit, "restitution" or "friction".
+    Raises QuantityError for text that is not a number, UserError for more than two or a first above
+    the second.
     """
     ends: Iterable[Any] = [band]
     if isinstance(band, str):
@@ -273,16 +275,19 @@ def _randomized(job: Job) -> RandomWorlds:
     def opened(request: Request) -> ModelUnderTest:
         return engine.open(rebuild() if rebuild else source, request)
 
-    rise: float | None = None
+    rise_as_it_is: float | None = None
+    # Of each family that reaches the band and will not do, the reason.
     faults: list[str] = []
     # Families that do not reach the band, with a first look at how far they do.
     short: list[tuple[ContactFamily, list[_Map]]] = []
     for family in engine.contact_families(source, requests, rebuild):
         if job.friction is not None and not family.slides:
             raise UserError("friction", "a band", "a pair with friction", "Its condim is 1")
-        if fault := _rest_faults(family, requests, job, before):
-            faults.append(f"{family.name}: {fault[0]}")
+        rest_faults = _rest_faults(family, requests, job, before)
+        if rest_faults:
+            faults.append(f"{family.name}: {rest_faults[0]}")
             continue
+        # A first look, at the middle friction alone, tells which families are worth their maps.
         frictions = _frictions(job)
         rough = _first_look(family, requests, float(frictions[len(frictions) // 2]))
         maps = rough
@@ -292,19 +297,21 @@ def _randomized(job: Job) -> RandomWorlds:
         if not _covers(_reach(maps), job.restitution):
             short.append((family, rough))
             continue
-        # Of the model as it is; a band out of reach is refused without it.
-        if rise is None:
-            rise = _rise(opened, requests)
-        if _rise_in(family, maps, requests, job) > max(MAX_ERROR, WORSE * rise):
+        # Measured once, and not at all where the band is out of reach.
+        if rise_as_it_is is None:
+            rise_as_it_is = _rise(opened, requests)
+        if _rise_in(family, maps, requests, job) > max(MAX_ERROR, WORSE * rise_as_it_is):
             faults.append(f"{family.name}: sliding throws it up more than the model as it is")
             continue
         models = [family.open(request) for request in requests]
         after = _at_corners(family, maps, models, job)
-        timestep = models[0].timestep
-        if fault := [words for each in after for words in each.rests_worse_than(before, timestep)]:
-            faults.append(f"{family.name}: {fault[0]}")
+        worse: list[str] = []
+        for stands in after:
+            worse += stands.rests_worse_than(before, models[0].timestep)
+        if worse:
+            faults.append(f"{family.name}: {worse[0]}")
             continue
-        return _drawn(family, maps, requests, job, (before, after))
+        return _drawn(family, maps, requests, job, before, after)
     if not short:
         asked = f"{job.restitution[0]:g}:{job.restitution[1]:g}"
         raise UserError("restitution", asked, f"a contact that rests as well ({faults[-1]})")
@@ -376,7 +383,8 @@ def _rise(opened: Callable[[Request], ModelUnderTest], requests: Sequence[Reques
     """Largest e of a launch that slides minus e of one straight down, of one speed along the normal
     and one phase; infinite where a launch has no e, 0 where no pair can slide or e only falls.
 
-    opened: opens the model for a request. requests: one a pair; the ends of their bands are used.
+    opened: opens the model for a request.
+    requests: one a pair; the ends of their bands are used.
     """
     phases = tuple((i + 0.5) / _OBLIQUE_PHASES for i in range(_OBLIQUE_PHASES))
     largest = 0.0
@@ -388,6 +396,7 @@ def _rise(opened: Callable[[Request], ModelUnderTest], requests: Sequence[Reques
                 impacts = impacts_in(model, sent.launches())
         except UserError:
             continue
+        # By speed, angle (the first straight down) and phase, in the order of the launches.
         e = np.array([i.restitution for i in impacts]).reshape(len(ends), -1, _OBLIQUE_PHASES)
         rises = np.nan_to_num(e[:, 1:] - e[:, :1], nan=math.inf)
         largest = max(largest, float(rises.max()))
@@ -405,7 +414,8 @@ def _rest_faults(
     """Reasons why a middling contact of a family rests worse than the model as it is, in words, so
     that measuring its map would be in vain; empty where it rests as well.
 
-    requests: one a pair. before: the model as it is, at rest.
+    requests: one a pair.
+    before: the model as it is, at rest.
     """
     models = [family.open(request) for request in requests]
     faults: list[str] = []
@@ -420,7 +430,8 @@ def _rest_faults(
 class _Map:
     """From the nominal e of one pair to its measured e, at each of some frictions.
 
-    frictions: μ, (m,); (nan,) for the model's own. nominal: (nodes,).
+    frictions: μ, (m,); (nan,) for the model's own.
+    nominal: (nodes,).
     measured: (m, nodes), rising along the last axis.
     """
 
@@ -436,7 +447,8 @@ class _Map:
     def nominal_of(self, restitution: Floats, friction: Floats | None) -> Floats:
         """Nominal e by which the pair has an e at a friction, (n,).
 
-        restitution: (n,), within reach. friction: (n,); None where one friction was measured.
+        restitution: (n,), within reach.
+        friction: (n,); None where one friction was measured.
         """
         at_each = np.array([_inverse(curve, self.nominal, restitution) for curve in self.measured])
         if friction is None or len(self.frictions) == 1:
@@ -516,8 +528,10 @@ def _measured_maps(
     """Measure a map of each pair: feet of one robot that weigh the same at the touch can differ in
     e by 0.15, as all four legs bend the same way.
 
-    frictions: μ, (m,). nodes: nominal e of all pairs, (nodes, pairs), rising along the first axis:
-    feet that land together change each other's e. phases: places in a step, of launches at each.
+    frictions: μ, (m,).
+    nodes: nominal e of all pairs, (nodes, pairs), rising along the first axis: feet that land
+    together change each other's e.
+    phases: places in a step, of launches at each.
     """
     phase = tuple((i + 0.5) / phases for i in range(phases))
     maps = []
@@ -569,24 +583,32 @@ def _rising(measured: Floats) -> slice:
 def sliced(worlds: int, dimensions: int, random: np.random.Generator) -> tuple[Floats, Whole]:
     """Draw numbers that are spread evenly, over all worlds and over a tenth of them, too.
 
-    worlds: how many, n. dimensions: numbers a world. random: draws them.
+    worlds: how many, n.
+    dimensions: numbers a world.
+    random: draws them.
     Returns the numbers, 0 to 1, (n, dimensions), and the indices of the worlds of the tenth,
     rising. In each dimension every n-th part of 0 to 1 has one number, and each of the tenth's
     larger parts has one number of the tenth (a few may lack where the tenths are not equal).
 
     P. Z. G. Qian, Sliced Latin hypercube designs, 2012.
     """
-    # A smaller share than a tenth would be too few worlds to certify.
+    # Of few worlds a tenth is too few to certify: then they are cut into fewer slices.
     slices = max(1, min(_SHARE, worlds // _LEAST_CERTIFIED))
+    # Worlds a slice, rounded up.
     size = -(-worlds // slices)
     columns = []
     for _ in range(dimensions):
-        # Row i has the slices' levels within the i-th part of size; each slice then shuffles its own.
-        levels = random.permuted(np.arange(size * slices).reshape(size, slices), axis=1)
+        # 0 to 1 has `size` large parts, each of them `slices` small ones, which are numbered
+        # through. Row i has the small parts of the i-th large one: each slice, a column, gets one.
+        levels = np.arange(size * slices).reshape(size, slices)
+        levels = random.permuted(levels, axis=1)
+        # Each slice has its parts in an order of its own, so that dimensions are independent.
         levels = random.permuted(levels, axis=0)
         columns.append((levels + random.random(levels.shape)) / levels.size)
-    # The first column is the tenth that is certified; the last few of another make up the number.
-    shares = np.stack(columns, axis=-1).transpose(1, 0, 2).reshape(-1, dimensions)[:worlds]
+    # (size, slices, dimensions) to one slice after the other; the last may be cut short. The first
+    # is the tenth that is certified.
+    by_slice = np.stack(columns, axis=-1).transpose(1, 0, 2)
+    shares = by_slice.reshape(-1, dimensions)[:worlds]
     order = random.permutation(worlds)
     return shares[order], np.flatnonzero(order < size)
 
@@ -600,13 +622,14 @@ def _drawn(
     maps: Sequence[_Map],
     requests: Sequence[Request],
     job: _RandomizeJob,
-    stands: tuple[Standing, tuple[Standing, ...]],
+    before: Standing,
+    after: tuple[Standing, ...],
 ) -> RandomWorlds:
-    """Draw the worlds of a family, certify some of them by launches, and let the model stand with
-    the contacts at the corners of the bands of e and friction.
+    """Draw the worlds of a family, and certify some of them by launches.
 
-    maps, requests: one a pair. stands: the model at rest as it is, and in the worlds at the corners
-    of both bands.
+    maps, requests: one a pair.
+    before: how the model stands as it is.
+    after: how it stands in the worlds at the corners of the bands of e and friction.
     """
     random = np.random.default_rng(job.seed)
     shares, certified = sliced(job.worlds, 2, random)
@@ -615,7 +638,6 @@ def _drawn(
     parameters = family.parameters(_nominal_of(maps, restitution, friction), friction)
     models = [family.open(request) for request in requests]
     certificate = _certificate(family, models, requests, job, parameters, certified, random)
-    before, after = stands
     return RandomWorlds(
         parameters=parameters,
         restitution=restitution,
@@ -657,7 +679,8 @@ def _notes(
 ) -> Iterator[str]:
     """Sentences on what the certificate does not compare.
 
-    before: the model as it is, at rest. certificate: says which pairs' friction was not measured.
+    before: the model as it is, at rest.
+    certificate: says which pairs' friction was not measured.
     models: one a pair.
     """
     if before.falls:
@@ -683,8 +706,11 @@ def _certificate(
     """Launch bodies in some of the worlds at phases that no map used: in each world one pair, the
     pairs in turn. With a band of friction, launch them sliding, too.
 
-    models: opened, one a pair. requests: of these. parameters: of all worlds, by name. certified:
-    indices of the worlds to launch in, (n,). random: draws the phases.
+    models: opened, one a pair.
+    requests: of these.
+    parameters: of all worlds, by name.
+    certified: indices of the worlds to launch in, (n,).
+    random: draws the phases.
     """
     speeds = np.array(job.request.speeds)
     sliding = [_Sliding()] * len(models)
@@ -693,46 +719,46 @@ def _certificate(
     unmeasured = [each.fault for each in sliding]
     restitution = np.empty((len(certified), len(speeds)))
     lowest, highest = np.empty((2, len(certified)))
-    rubbed = np.full(len(certified), math.nan)
-    gained = -math.inf
+    friction = np.full(len(certified), math.nan)
+    energy_gained = -math.inf
     launches = 0
     for row, world in enumerate(certified.tolist()):
-        number = row % len(models)
-        model = models[number]
+        pair = row % len(models)
+        model = models[pair]
         family.set(model, parameters, world)
         phases = tuple((np.arange(_PHASES) + random.random()) / _PHASES)
-        impacts = impacts_in(model, dataclasses.replace(requests[number], phases=phases).launches())
+        impacts = impacts_in(model, dataclasses.replace(requests[pair], phases=phases).launches())
         e = np.array([impact.restitution for impact in impacts])
         restitution[row] = e.reshape(len(speeds), _PHASES).mean(axis=1)
         lowest[row] = e.min()
         highest[row] = e.max()
         launches += len(impacts)
-        if job.friction is None or unmeasured[number]:
+        if job.friction is None or unmeasured[pair]:
             continue
         phases = tuple((np.arange(_SLIDING_PHASES) + random.random()) / _SLIDING_PHASES)
-        slid = sliding[number].impacts(model, phases)
+        slid = sliding[pair].impacts(model, phases)
         if not slid:
-            unmeasured[number] = _STOPS
+            unmeasured[pair] = _STOPS
             continue
-        rubbed[row] = _friction_of(slid)
-        gained = max(
-            gained, *(-impact.tangential.energy_lost for impact in slid if impact.tangential)
-        )
+        friction[row] = _friction_of(slid)
+        for impact in slid:
+            if impact.tangential is not None:
+                energy_gained = max(energy_gained, -impact.tangential.energy_lost)
         launches += len(slid)
     # Worlds with much friction stop a launch first: without them those of a pair are not uniform.
-    of_pair = np.arange(len(certified)) % len(models)
-    for number, why in enumerate(unmeasured):
+    pair_of_row = np.arange(len(certified)) % len(models)
+    for pair, why in enumerate(unmeasured):
         if why:
-            rubbed[of_pair == number] = math.nan
+            friction[pair_of_row == pair] = math.nan
     return Certificate(
         worlds=certified,
         speeds=speeds,
         restitution=restitution,
         lowest=lowest,
         highest=highest,
-        friction=None if job.friction is None else rubbed,
+        friction=None if job.friction is None else friction,
         unmeasured=tuple(unmeasured),
-        energy_gained=gained,
+        energy_gained=energy_gained,
         launches=launches,
     )
 
@@ -751,7 +777,8 @@ class _Sliding:
     def impacts(self, model: ModelUnderTest, phases: tuple[float, ...]) -> list[Impact]:
         """Impacts of the first of the launches that slides throughout; [] where friction stops all.
 
-        model: opened for the pair, with the contact of a world. phases: of the launches.
+        model: opened for the pair, with the contact of a world.
+        phases: of the launches.
         """
         for request in self.requests:
             slid = impacts_in(model, dataclasses.replace(request, phases=phases).launches())
@@ -803,8 +830,8 @@ def _slides_at_both_ends(
 ) -> bool:
     """Say whether a launch slides throughout with the most friction and both ends of the band of e.
 
-    model: opened for the pair; left with other parameters. Raises UserError where the joints cannot
-    make its motion.
+    model: opened for the pair; left with other parameters.
+    Raises UserError where the joints cannot make its motion.
     """
     assert job.friction is not None
     for e in job.restitution:

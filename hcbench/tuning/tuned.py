@@ -120,7 +120,8 @@ def make_tuned(
     """Find the setting of a recipe for a target and evaluate it in its engine: errors of e, energy,
     and rest of a ball.
 
-    why: it was chosen, as a phrase for the user. integrator: None for the recipe's own.
+    why: it was chosen, as a phrase for the user.
+    integrator: None for the recipe's own.
     Raises SettingError where the recipe cannot serve the target, and what the engine raises.
     """
     adapter = registry.engine(recipe.engine)
@@ -174,8 +175,10 @@ def _advice(
     """Yield phrases that warn the user of a setting: no better than one e, soft, restless, or with
     other forces than the law's.
 
-    evaluation: of its launches. rest: after a drop. recipe: the setting's. recipes: all of its
-    engine's, of which one may be recommended.
+    evaluation: of its launches.
+    rest: after a drop.
+    recipe: the setting's.
+    recipes: all of its engine's, of which one may be recommended.
     """
     depth = evaluation.penetration_max
     radius = scene.relative_radius

@@ -37,8 +37,8 @@ class TunedPair:
     launches: how many there were: those of the curve, then others at speeds and phases that fill
     band and step evenly, and about the worst of all.
     beyond, highest: the largest error of e, and the largest e, in those others.
-    failure: clause on a launch that has no e; "" where each has one. touches: whether each of the
-    curve's launches touched at all, whatever its e.
+    failure: clause on a launch that has no e; "" where each has one.
+    touches: whether each of the curve's launches touched at all, whatever its e.
     """
 
     facts: Facts

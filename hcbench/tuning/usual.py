@@ -56,8 +56,9 @@ class Question(NamedTuple):
 def usual_answers(study: Mapping[str, Any], versions: Mapping[str, str]) -> list[dict[str, Any]]:
     """Answers to the usual questions, read from the file, for a study's α and engines.
 
-    study: as JSON, with the numbers of its ball and its `alphas`, s/m. versions: of the engines
-    that are installed, by engine; answers that were found with another version are left out.
+    study: as JSON, with the numbers of its ball and its `alphas`, s/m.
+    versions: of the engines that are installed, by engine; answers that were found with another
+    version are left out.
     Each has the keys of `Question` and of `Answer.record`. Empty where the study's ball is another.
     """
     known = file_content()
@@ -85,7 +86,8 @@ def record_of(question: Question) -> dict[str, Any]:
 def write(jobs: int = 2) -> None:
     """Find all answers again, by the installed versions of the file's engines, and write the file.
 
-    jobs: worker processes. Raises EngineMissing where one of the engines is not installed.
+    jobs: worker processes.
+    Raises EngineMissing where one of the engines is not installed.
     """
     _, target = make_target(timestep=_STEPS[0], alpha=0.0, scene=_SCENE)
     law = target.law

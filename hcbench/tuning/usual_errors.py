@@ -82,7 +82,8 @@ def row(condition: Condition, alpha: float) -> Row:
     [α, settings, constant].
 
     The two choices are [name, largest error of e], or None for no such choice and where no recipe
-    serves. Raises EngineMissing, and EngineFailed where the engine fails.
+    serves.
+    Raises EngineMissing, and EngineFailed where the engine fails.
     """
     scene, target = _asked(condition, alpha)
     try:
@@ -142,6 +143,7 @@ def line(table: Sequence[Row], i: int) -> list[Any] | None:
     the interval. The names of all constant settings of those rows are joined by "or". None if one
     of the rows has no constant setting, or an error that is not near the line.
     """
+    # Half of the rows on either side of the interval, as far as the table has them.
     first = max(0, min(i + 1 - AROUND // 2, len(table) - AROUND))
     around = table[first : first + AROUND]
     names = set()
@@ -159,7 +161,9 @@ def line(table: Sequence[Row], i: int) -> list[Any] | None:
     error_middle = log_errors.mean()
     away = log_alphas - alpha_middle
     slope = away @ (log_errors - error_middle) / (away @ away)
-    if np.abs(np.expm1(log_errors - error_middle - slope * away)).max() > NEAR:
+    # A difference of logarithms, d, is a relative error of exp(d) - 1.
+    off_line = np.expm1(log_errors - error_middle - slope * away)
+    if np.abs(off_line).max() > NEAR:
         return None
     ends = []
     for known_row in table[i : i + 2]:

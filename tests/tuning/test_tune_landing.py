@@ -28,7 +28,7 @@ from hcbench.sim.model_under_test import ModelSetting, Output
 from hcbench.sim.rest import UNKNOWN
 from hcbench.system.errors import UserError
 from hcbench.tuning.landing import tune_landing
-from hcbench.tuning.model import _best, _Try
+from hcbench.tuning.model import _best, _Try, _TuneSearch
 from hcbench.tuning.tuned_model import LandingChange
 
 mujoco = pytest.importorskip("mujoco")
@@ -325,8 +325,18 @@ def chosen(
     was = tuned(rebound=0.02).landing
     assert was is not None
     before = was.before if landed else None
-    engine = engine or Lands()
-    return _best(engine, [], [], Wanted(restitution=0.5), before, limit, tries)  # type: ignore[arg-type]
+    search = _TuneSearch(
+        engine=engine or Lands(),  # type: ignore[arg-type]
+        source=None,
+        requests=[],
+        attitudes=[],
+        wanted=Wanted(restitution=0.5),
+        max_error=limit,
+        as_it_was=Any,  # type: ignore[arg-type]
+        before=UNKNOWN,
+        landed=before,
+    )
+    return _best(search, tries, limit, enough=0.0)
 
 
 def test_a_setting_without_a_bounce_is_passed_over() -> None:

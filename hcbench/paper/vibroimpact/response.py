@@ -75,7 +75,8 @@ def orbits(
     """Simulate each value of the parameter for `cycles` periods of the drive and return, of the
     last `keep`, the state at each end, the extremes and the number of touches.
 
-    over: the parameter: "frequency", "amplitude" or "gap". values: Hz, N or m.
+    over: the parameter: "frequency", "amplitude" or "gap".
+    values: Hz, N or m.
     drive: its other numbers hold for all values.
     position, velocity: at t = 0, m and m/s.
     tolerance: error of a step over the size of the motion.
@@ -124,7 +125,8 @@ def _simulate(
 
     cases: systems that differ in their gap alone, and the drive of each.
     cycles: periods of the drive that each runs; the last `keep` are kept.
-    start: position (m) and velocity (m/s). tolerance: error of a step over the size of the motion.
+    start: position (m) and velocity (m/s).
+    tolerance: error of a step over the size of the motion.
     Raises UserError for a start without motion, EngineFailed where no step is short enough.
     """
     system, _ = cases[0]
@@ -163,7 +165,8 @@ class _CycleRecorder:
     def __init__(self, position: Floats, cycles: int, keep: int) -> None:
         """Begin with the positions at t = 0, m, shape (oscillators,).
 
-        cycles: how many there will be. keep: how many of them, the last ones, are recorded.
+        cycles: how many there will be.
+        keep: how many of them, the last ones, are recorded.
         """
         self.record = np.empty((5, position.size, keep))
         # Column of `record` for the cycle that is under way; below 0 for one that is not kept.
@@ -229,7 +232,8 @@ def linearized(system: VibroImpact) -> Linear:
 
     Between equal blocks it rests in the middle. For eq. (16) with x0 = |g|/2 the sums are
     2 n k x0^(n-1), k that of the law, and 2 λ x0^n. It is the Kelvin-Voigt model that the appendix
-    arrives at. Raises UserError for g >= 0, where no slope describes the contact.
+    arrives at.
+    Raises UserError for g >= 0, where no slope describes the contact.
     """
     expected = "a gap below 0 m: with clearance there is no spring in the middle to linearise"
     require("gap", system.gap, system.gap < 0.0, expected, "See `kelvin_voigt_blocks`")
@@ -249,8 +253,8 @@ def kelvin_voigt_blocks(system: VibroImpact, speed: float) -> VibroImpact:
 
     Each has the contact time and the restitution of its law (16) at `speed` (m/s), its
     contact ending at F = 0. It is what "equivalent linearized model" can mean with
-    clearance (reference [3] of the paper). Raises UserError for blocks of another law, and for a
-    speed that is not above 0.
+    clearance (reference [3] of the paper).
+    Raises UserError for blocks of another law, and for a speed that is not above 0.
     """
     positive("speed", speed, "m/s")
 

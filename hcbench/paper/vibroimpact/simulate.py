@@ -92,8 +92,8 @@ class _Batch:
     passed: number of checkpoints passed.
     h: length of the next step, s.
     goal: NOTHING while steps are as long as their error allows; TURN or SWITCH while the length is
-    searched after which the mass turns, or a contact changes its mode. low, high: bracket of that
-    length, s.
+    searched after which the mass turns, or a contact changes its mode.
+    low, high: bracket of that length, s.
     """
 
     def __init__(
@@ -106,7 +106,8 @@ class _Batch:
     ) -> None:
         """Begin at t = 0, with the first step that the system proposes.
 
-        system: the equations of all oscillators. y: states, shape (components, oscillators).
+        system: the equations of all oscillators.
+        y: states, shape (components, oscillators).
         checkpoints: times, s, rising, shape (checkpoints, oscillators).
         step_max: longest step, s, shape (oscillators,).
         observe: called with each step that is taken.
@@ -132,7 +133,8 @@ class _Batch:
 
         A good step is taken; a bad one is tried again with a shorter length. A step that passes a
         turning point or a switch begins a search for the length that ends there, which the next
-        tries go on with. Raises EngineFailed where no step is short enough.
+        tries go on with.
+        Raises EngineFailed where no step is short enough.
         """
         goal = self.goal[rows]
         no_goal = goal == NOTHING
@@ -191,8 +193,10 @@ class _Batch:
         """Choose the next step's size, s, from this one's error; a step cut short by a limit says
         little about growth.
 
-        rows: numbers of the oscillators, (rows,). h: length of the step just tried, s. error: of
-        it, over the tolerance. Raises EngineFailed where no step is short enough.
+        rows: numbers of the oscillators, (rows,).
+        h: length of the step just tried, s.
+        error: of it, over the tolerance.
+        Raises EngineFailed where no step is short enough.
         """
         good = error <= 1.0
         # The error grows with h⁸: this factor makes it 0.9⁸ of the tolerance.
@@ -246,8 +250,8 @@ class _Batch:
         """Take these steps to y, and change the modes where they end on a switch; tell the
         observer.
 
-        h: lengths of the steps, s, shape (rows,). y: states at their ends, shape (components,
-        rows).
+        h: lengths of the steps, s, shape (rows,).
+        y: states at their ends, shape (components, rows).
         """
         until = self.checkpoints[self.passed[rows], rows]
         arrived = h >= until - self.t[rows]
@@ -301,7 +305,8 @@ def simulate(
     energies and touches at each step; free without a drive.
 
     drive: P in N over t in s, a `Sinusoid` or any smooth function (a rough one needs `step_max`,
-    s). tolerance: error of a step over the size of the motion.
+    s).
+    tolerance: error of a step over the size of the motion.
     step_max: longest step, s; for a `Sinusoid` at most a tenth of its period.
 
     Raises UserError for numbers that are not finite, from the caller or from the drive, for a start
@@ -336,7 +341,9 @@ def simulate(
     def record(_: Indices, t: Floats, y: Floats, before: Modes, after: Modes, __: Flags) -> None:
         """Keep the state of the one oscillator after a step, and the changes of its two contacts.
 
-        t: s, (1,). y: (4, 1). before, after: modes, (2, 1).
+        t: s, (1,).
+        y: (4, 1).
+        before, after: modes, (2, 1).
         """
         times.append(float(t[0]))
         states.append(y[:, 0].copy())
@@ -421,7 +428,8 @@ def motion_size(
     its energy and the largest P (N).
 
     A depth X and a speed V with F(X, 0) X = m V², about those of an impact;
-    for a squeezed mass its swing. position (m), velocity (m/s): of the start. force: largest P, N.
+    for a squeezed mass its swing. position (m), velocity (m/s): of the start.
+    force: largest P, N.
 
     Raises UserError for a start without any energy.
     """

@@ -201,10 +201,12 @@ class TwoSidedContact:
     belong to. Switch 0 or 1 is the surface of the right or left block, 2 or 3 where its force ends
     or returns.
 
-    laws: of the right and the left block. mass: of every one, kg.
+    laws: of the right and the left block.
+    mass: of every one, kg.
     half_gap: g/2 of each, m, shape (masses,).
     drive: P of each.
-    length, speed: the size of each motion, m, m/s, shape (masses,); size: that of each component
+    length, speed: the size of each motion, m, m/s, shape (masses,).
+    size: that of each component
     of y.
     tolerance: error of a step over those sizes.
     energy_balance: whether y has the energies.
@@ -238,8 +240,11 @@ class TwoSidedContact:
         powers that are lost and put in, W. A block's force acts in the mode CONTACT alone, the
         right one's towards smaller positions.
 
-        t: times, s, shape (r,). y: states, shape (components, r). mode: of both contacts, shape
-        (2, r). rows: numbers of the masses, shape (r,).
+        t: times, s, shape (r,).
+        y: states, shape (components, r).
+        mode: of both contacts, shape
+        (2, r).
+        rows: numbers of the masses, shape (r,).
         """
         x, w = self._sides(y, rows)
         force = np.where(mode == CONTACT, self._forces(x, w), 0.0)
@@ -312,7 +317,8 @@ class TwoSidedContact:
         With n = 3/2 the motion begins as x = v t - C t^(7/2): the error of
         the step is about the tolerance. Infinite where neither block is touched.
 
-        mode: of both contacts, shape (2, r). rows: numbers of the masses, shape (r,).
+        mode: of both contacts, shape (2, r).
+        rows: numbers of the masses, shape (r,).
         """
         short = (
             min(0.05, 2.0 * self.tolerance ** (2.0 / 7.0)) * self.length[rows] / self.speed[rows]

@@ -111,7 +111,8 @@ def _cost(engine: SteppedEngine, setting: Setting, scene: Scene, balls: int) -> 
     step, the least of several times.
 
     balls: how many are wanted; a world that has fewer places takes as many as it has. Each ball is
-    launched in another phase. Raises what the engine raises.
+    launched in another phase.
+    Raises what the engine raises.
     """
     with engine.load(scene, setting, _SPEED) as world:
         together = min(balls, world.places)
@@ -139,8 +140,8 @@ def scene_of(view: FieldView) -> Scene:
 def csv_of(costs: Sequence[tuple[str, str, float, dict[int, float]]], machine: str) -> str:
     """The costs as CSV: a line for each number of balls, in µs a ball and step.
 
-    costs: (engine, setting, step in s, as `Probe.cost`). machine: a description, for a comment at
-    the top.
+    costs: (engine, setting, step in s, as `Probe.cost`).
+    machine: a description, for a comment at the top.
     """
     lines = [
         f"# CPU and load of one machine at one time: {machine}",
@@ -186,7 +187,8 @@ def _feature_cells(view: FieldView, engine: str, probe: Probe | None) -> list[Fe
     """Cells of an engine, in the order of FEATURES; "–" for one that nothing is known of. What was
     seen in this run goes before what the engine's folder states.
 
-    engine: with its version. probe: None where it could not run.
+    engine: with its version.
+    probe: None where it could not run.
     """
     base = registry.base_name(engine)
     adapter = registry.adapter(base)
@@ -286,7 +288,8 @@ _LOST = {"diverged": "loses the ball", "no-touch": "no contact", "crashed": "cra
 class MatrixCell:
     """One cell of a table of the page.
 
-    text: its words. below: a second, smaller line.
+    text: its words.
+    below: a second, smaller line.
     grade: its colour, one of GRADES.
     order: number to sort its column by; None is last.
     case: the one that it is of, shown on a click.
@@ -304,8 +307,9 @@ class MatrixCell:
 def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str, MatrixCell]]:
     """Cells by column, see COLUMNS, of each engine that ran under a condition, by engine.
 
-    gravity: m/s². timestep: s. First the engines that are nearest to the law by settings whose e
-    falls with speed, then by one e, then by a plug-in.
+    gravity: m/s².
+    timestep: s. First the engines that are nearest to the law by settings whose e falls with speed,
+    then by one e, then by a plug-in.
     """
     made: dict[str, dict[str, MatrixCell]] = {}
     for engine in view.engines:
@@ -331,8 +335,9 @@ def rows(view: FieldView, gravity: float, timestep: float) -> dict[str, dict[str
 def _row(view: FieldView, engine: str, gravity: float, timestep: float) -> dict[str, MatrixCell]:
     """One engine's cells by column, see COLUMNS, under one condition.
 
-    engine: with its version. gravity: m/s². timestep: s. Of each kind of setting the best one has
-    the cell.
+    engine: with its version.
+    gravity: m/s².
+    timestep: s. Of each kind of setting the best one has the cell.
     """
     here = (engine, gravity, timestep)
     own = view.best(*here)
@@ -374,7 +379,8 @@ def _error(view: FieldView, here: tuple[str, float, float], kind: str) -> Matrix
     """Cell of the largest error of e of the best setting of a kind, and which setting that is. Its
     note names settings that are nearer by e, but add energy or lose impacts.
 
-    here: engine, gravity (m/s²), time step (s). kind: CONSTANT, SETTINGS or PLUGIN.
+    here: engine, gravity (m/s²), time step (s).
+    kind: CONSTANT, SETTINGS or PLUGIN.
     """
     engine, gravity, timestep = here
     # The best that loses no impact and gains no energy; None where none does.

@@ -172,7 +172,8 @@ def _panels(view: FieldView, engines: list[str]) -> tuple[Figure, list[tuple[str
 def _label(panels: list[tuple[str, Axes]], x: str, y: str) -> None:
     """Label the outer axes alone: y on the left, x on the lowest panel of each column.
 
-    panels: engine and axes of each, in rows of _COLUMNS. x, y: the labels.
+    panels: engine and axes of each, in rows of _COLUMNS.
+    x, y: the labels.
     """
     columns = min(_COLUMNS, len(panels))
     for i, (_, axes) in enumerate(panels):

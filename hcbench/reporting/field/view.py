@@ -172,7 +172,9 @@ class FieldView:
         """An engine's settings of some kinds at a step, OWN where none
         is named, in the study's order; empty where it ran none.
 
-        engine: as it ran, with its version. gravity: m/s². timestep: s.
+        engine: as it ran, with its version.
+        gravity: m/s².
+        timestep: s.
         """
         wanted = kinds or OWN
         cases = []
@@ -185,8 +187,11 @@ class FieldView:
     def best(self, engine: str, gravity: float, timestep: float, *kinds: str) -> Case | None:
         """The setting nearest to the law that loses no impact and gains no energy; None for none.
 
-        engine: its name. gravity: m/s². timestep: s. kinds: of settings, such as PLUGIN; OWN
-        without any. One that bounces over the whole band is before any that stays down somewhere.
+        engine: its name.
+        gravity: m/s².
+        timestep: s.
+        kinds: of settings, such as PLUGIN; OWN without any. One that bounces over the whole band is
+        before any that stays down somewhere.
         """
 
         def badness(case: Case) -> tuple[bool, float]:
@@ -314,8 +319,8 @@ def headline(view: FieldView, gravity: float, timestep: float) -> list[str]:
     """Sentences that sort the engines: those that follow the law by settings, by a plug-in alone,
     or not.
 
-    gravity: m/s². timestep: s, at which they ran. An engine that ran in several versions is named
-    once.
+    gravity: m/s².
+    timestep: s, at which they ran. An engine that ran in several versions is named once.
     """
     # With versions; all further lists have names without versions, each name once.
     ran = [engine for engine in view.engines if view.cases(engine, gravity, timestep, *OWN, PLUGIN)]
@@ -358,8 +363,10 @@ def _following(
 ) -> list[str]:
     """Engines whose best setting of some kinds follows the law, by their names without versions.
 
-    engines: with their versions, as they ran. timestep: s; gravity: m/s². kinds: of settings, such
-    as PLUGIN.
+    engines: with their versions, as they ran.
+    timestep: s.
+    gravity: m/s².
+    kinds: of settings, such as PLUGIN.
     """
     following = []
     for engine in engines:
