@@ -307,6 +307,9 @@ class RobotDrop:
 DROPS = tuple(RobotDrop(*one) for one in product(HEIGHTS, TILTS, PHASES))
 # Those whose mean is the rebound.
 REBOUNDS = tuple(drop for drop in DROPS if drop.height == max(HEIGHTS) and not drop.tilt)
+# The same at more places in a step. At one of them a rebound jumps, with the step in which the foot
+# leaves: the range of four misses every fifth drop, that of twelve one in twenty.
+MANY_REBOUNDS = tuple(RobotDrop(max(HEIGHTS), 0.0, place / 12) for place in range(12))
 
 
 @dataclass(frozen=True, slots=True)
@@ -500,9 +503,9 @@ class DropTest(LandingQuantities):
     largest height, m. frequency: of its legs, rad/s, from how far it sags on them; NaN where it
     does not rest. fell: whether it falls over in any drop. diverged: whether a drop has no end; the
     rebound and the quantities are then infinite.
-    seconds: of the longest drops. drops: their number; flat: of those without a tilt. settled:
-    number of drops that are long enough to show how the robot rests; the quantities of rest are
-    those of these alone.
+    seconds: of the longest drops. drops: their number; flat: of those without a tilt. phases:
+    number of drops of which the rebound is the mean. settled: number of drops that are long enough
+    to show how the robot rests; the quantities of rest are those of these alone.
     """
 
     robot: Robot
@@ -514,6 +517,7 @@ class DropTest(LandingQuantities):
     seconds: float
     drops: int
     flat: int
+    phases: int
     settled: int
 
     @property
@@ -617,6 +621,7 @@ def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: f
             seconds=seconds,
             drops=len(drops),
             flat=_without_tilt(drops),
+            phases=0,
             settled=0,
         )
     highest = max(drop.height for drop in drops)
@@ -650,6 +655,7 @@ def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: f
         seconds=seconds,
         drops=len(drops),
         flat=_without_tilt(drops),
+        phases=len(flat),
         settled=sum(not math.isnan(one.rest) for one in landed),
     )
 

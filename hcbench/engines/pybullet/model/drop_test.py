@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -29,6 +29,7 @@ from hcbench.sim.drop_test import DropBench, DropMotion, DroppedRobot
 from hcbench.sim.landing import (
     DROPS,
     LATE_S,
+    MANY_REBOUNDS,
     REBOUNDS,
     TAIL_S,
     TILT_AXIS,
@@ -130,6 +131,18 @@ class WorldDropBench(DropBench):
         """Drop the robot with a change of its contacts. seconds: as of `test`."""
         landed = {drop: self._landed(drop, self._seconds(drop, seconds), change) for drop in drops}
         return drop_test(self.robot, landed, seconds)
+
+    def whole_test(self, like: DropTest | None, until_worse: bool = False) -> DropTest:
+        """Make every drop, as `DropBench` does, and those that show how the rebound varies with where
+        in a step the robot touches: at more places than a search saw.
+        """
+        test = super().whole_test(like, until_worse)
+        if test.diverged or not test.phases:
+            return test
+        many = self.test(test.seconds, MANY_REBOUNDS)
+        if many.diverged:
+            return many
+        return replace(test, rebound=many.rebound, spread=many.spread, phases=many.phases)
 
     def _seconds(self, drop: RobotDrop, seconds: float) -> float:
         """Time of a drop from release, s. seconds: of those that show how a robot rests."""
