@@ -307,6 +307,9 @@ class RobotDrop:
 DROPS = tuple(RobotDrop(*one) for one in product(HEIGHTS, TILTS, PHASES))
 # Those whose mean is the rebound.
 REBOUNDS = tuple(drop for drop in DROPS if drop.height == max(HEIGHTS) and not drop.tilt)
+# The same at more places in a step. At one of them a rebound jumps, with the step in which the foot
+# leaves: the range of four misses every fifth drop, that of twelve one in twenty.
+MANY_REBOUNDS = tuple(RobotDrop(max(HEIGHTS), 0.0, place / 12) for place in range(12))
 
 
 @dataclass(frozen=True, slots=True)
@@ -331,6 +334,14 @@ class LandedQuantity:
     def si(self) -> float:
         """The printed unit in SI: it is that of the field, or a thousandth of it."""
         return 1e-3 if self.unit.startswith("mm") else 1.0
+
+    def limit(self, was: float, rebound: float) -> float:
+        """The largest value, SI, that is no worse than one before: NaN where that is NaN.
+
+        rebound: the target, m; 0 for none.
+        """
+        share = self.rebound_share if rebound > 0.0 else self.share
+        return max(share * was, was + self.slack)
 
     def change(self, was: float, now: float) -> str:
         """Both values, SI, in words."""
@@ -500,9 +511,9 @@ class DropTest(LandingQuantities):
     largest height, m. frequency: of its legs, rad/s, from how far it sags on them; NaN where it
     does not rest. fell: whether it falls over in any drop. diverged: whether a drop has no end; the
     rebound and the quantities are then infinite.
-    seconds: of the longest drops. drops: their number; flat: of those without a tilt. settled:
-    number of drops that are long enough to show how the robot rests; the quantities of rest are
-    those of these alone.
+    seconds: of the longest drops. drops: their number; flat: of those without a tilt. phases:
+    number of drops of which the rebound is the mean. settled: number of drops that are long enough
+    to show how the robot rests; the quantities of rest are those of these alone.
     """
 
     robot: Robot
@@ -514,6 +525,7 @@ class DropTest(LandingQuantities):
     seconds: float
     drops: int
     flat: int
+    phases: int
     settled: int
 
     @property
@@ -542,10 +554,9 @@ class DropTest(LandingQuantities):
         for each in QUANTITIES:
             was: float = getattr(before, each.name)
             now: float = getattr(self, each.name)
-            share = each.rebound_share if rebound > 0.0 else each.share
             # Without a number now a robot that came to rest no longer does; NaN in both tells nothing.
             is_lost = math.isnan(now) and not math.isnan(was)
-            if is_lost or now > max(share * was, was + each.slack):
+            if is_lost or now > each.limit(was, rebound):
                 yield each.change(was, now)
 
     def meets(self, rebound: float) -> bool:
@@ -617,6 +628,7 @@ def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: f
             seconds=seconds,
             drops=len(drops),
             flat=_without_tilt(drops),
+            phases=0,
             settled=0,
         )
     highest = max(drop.height for drop in drops)
@@ -650,6 +662,7 @@ def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: f
         seconds=seconds,
         drops=len(drops),
         flat=_without_tilt(drops),
+        phases=len(flat),
         settled=sum(not math.isnan(one.rest) for one in landed),
     )
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bullet_hopper import FLOOR, ROBOT
+from bullet_hopper import FLOOR, INERTIA, ROBOT
 
 import hcbench as hb
 from hcbench.cli import run
@@ -144,3 +144,62 @@ def test_a_robot_with_something_in_its_way_is_refused(files: list[str], tmp_path
     (tmp_path / "lid.urdf").write_text(lid)
     with pytest.raises(UserError, match="free way down to a floor"):
         hb.land([*files, str(tmp_path / "lid.urdf")], heights=[0.1], gravity=G, qpos="base=0,0,0.9")
+
+
+@pytest.fixture
+def two_that_fall(files: list[str], tmp_path: Path) -> Any:
+    """A client with the robot over its floor, and a ball of 0.4 kg beside it."""
+    ball = tmp_path / "ball.urdf"
+    ball.write_text(
+        '<robot name="marble"><link name="shell"><inertial><mass value=".4"/>'
+        + INERTIA.format(i=1e-4)
+        + '</inertial><collision><geometry><sphere radius=".05"/></geometry></collision></link></robot>'
+    )
+    world = BulletClient(p.DIRECT)
+    world.setGravity(0, 0, -G)
+    world.loadURDF(files[0], [0, 0, 1])
+    world.loadURDF(files[1])
+    world.loadURDF(str(ball), [2, 0, 1])
+    return world
+
+
+@pytest.mark.parametrize(
+    ("move", "robot", "mass"),
+    [
+        ("body:marble", "body:2", 0.4),
+        ("body:2", "body:2", 0.4),
+        ("body:shell", "body:2", 0.4),
+        ("body:foot", "body:0", 2.5),
+        ("joint:leg", "body:0", 2.5),
+        ("base:", "body:0", 2.5),
+    ],
+)
+def test_another_body_is_dropped_by_its_name(
+    two_that_fall: Any, move: str, robot: str, mass: float
+) -> None:
+    landings = hb.land(two_that_fall, heights=0.1, move=move)
+    assert landings.robot == robot
+    assert landings.mass == pytest.approx(mass)
+    assert landings.drops[0].speed_in == pytest.approx((2.0 * G * 0.1) ** 0.5, rel=0.02)
+    # A user who chose is not told of a choice.
+    assert not any("--move" in note for note in landings.notes) or move == "base:"
+
+
+def test_of_several_bodies_that_fall_the_others_are_named(two_that_fall: Any) -> None:
+    landings = hb.land(two_that_fall, heights=0.1)
+    (note,) = [note for note in landings.notes if "--move" in note]
+    assert note.startswith("2 bodies fall; 'body:0' is dropped.")
+    assert note.endswith("drops another: 'body:2'.")
+
+
+@pytest.mark.parametrize(
+    ("move", "words"),
+    [
+        ("body:hoper", "move: no body 'hoper'.*hopper"),
+        ("joint:knee", "move: no joint 'knee'.*leg"),
+        ("body:floor", "move: 'floor.urdf' is fixed; expected one that falls: hopper.urdf"),
+    ],
+)
+def test_a_body_that_cannot_be_dropped_is_said(files: list[str], move: str, words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        hb.land(files, heights=0.1, gravity=G, move=move)

@@ -19,6 +19,7 @@ from hcbench.engines.pybullet.backend import (
 )
 from hcbench.engines.pybullet.model.bodies import mass_and_volumes
 from hcbench.engines.pybullet.model.in_child import can_fork, run_aside
+from hcbench.engines.pybullet.model.list_pairs import body_of
 from hcbench.engines.pybullet.model.over_floor import (
     LinkMotion,
     WorldOverFloor,
@@ -48,18 +49,22 @@ if TYPE_CHECKING:
     from hcbench.terms.impact import Floats
 
 
+# Names of other bodies that fall, in a note.
+_SHOWN = 4
+
+
 def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
     """Drop the robot of a world from each height (m) at each tilt (rad) of a plan, each time in a
     forked copy of this process: the world stays as it is.
 
-    Raises UserError where the world has no robot or nothing to land on, for a keyframe, for a part
-    to move, and for a client that is another process's; EngineFailed where a velocity is no longer finite.
+    Raises UserError where the world has no robot or nothing to land on, for a keyframe, for a body
+    to move that is unknown or fixed, and for a client that is another process's; EngineFailed where
+    a velocity is no longer finite.
     """
     bullet = world.bullet
-    if request.move is not None:
-        raise UserError(
-            "move", repr(request.move), "none in PyBullet: the body with most joints falls"
-        )
+    chosen = None
+    if request.move is not None and request.move != "base:":
+        chosen = body_of(world, request.move)
     if not can_fork(bullet):
         got = "a client that no copy of this process has"
         raise UserError("model", got, "files, or a client by pybullet.DIRECT")
@@ -69,7 +74,7 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
         before each step, and a phrase of that. Called in forked copies, whose world it changes.
         """
         prepare(world, request)
-        bench = _DropBench(world)
+        bench = _DropBench(world, chosen)
         return bench, *drive_of(drops.controller, bench)
 
     def described() -> Landings:
@@ -80,6 +85,12 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
         floors = ", ".join(world.name_of(floor) for floor in bench.floors)
         start = ", ".join(["the pose of the world", *(joint for joint, _ in request.pose)])
         notes = unit_notes(bench.name, *mass_and_volumes(bullet, bench.robot))
+        others = [repr(world.name_of(body)) for body in bench.falling if body != bench.robot]
+        if others and chosen is None:
+            notes.append(
+                f"{len(bench.falling)} bodies fall; {bench.name!r} is dropped. --move body:NAME drops"
+                f" another: {', '.join(others[:_SHOWN])}{', ...' if others[_SHOWN:] else ''}."
+            )
         return Landings(
             "pybullet",
             BACKEND.version(),

@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import replace
 from importlib.util import find_spec
 from itertools import combinations
@@ -34,7 +35,7 @@ from hcbench.engines.pybullet.model.bodies import (
 )
 from hcbench.engines.pybullet.model.open import ANY_LINK, BodyPart, LoadedWorld
 from hcbench.sim.model_under_test import CandidatePair, choice_error, in_order
-from hcbench.sim.packages import find_part
+from hcbench.sim.packages import find_part, suggest_names
 from hcbench.system.errors import UserError
 from hcbench.system.text import joined_names, sanitized
 
@@ -245,6 +246,36 @@ def find_pair(world: LoadedWorld, names: tuple[str, str] | None) -> tuple[BodyPa
             "pair", f"{one.name!r} and {two.name!r} are the same body", "two that can meet"
         )
     return one, two
+
+
+def body_of(world: LoadedWorld, move: str) -> int:
+    """Number of the body that a user names by its file or name, by a link's or by a joint's.
+
+    move: "body:NAME", "joint:NAME" or "body:NUMBER". Of several with the same name the first is
+    meant. Raises UserError for a name that the world does not have.
+    """
+    kind, _, name = move.partition(":")
+    named = [(known, body) for _, known, (body, _) in _named_parts(world)]
+    if kind == "joint":
+        named = list(_named_joints(world))
+    # Backwards, so that the first of several stays.
+    bodies = dict(reversed(named))
+    # A body without a file is listed as "body:NUMBER".
+    if move in bodies:
+        return bodies[move]
+    # Names are sanitized where they are read.
+    name = sanitized(name)
+    if name not in bodies:
+        raise UserError("move", f"no {kind} {name!r}", *suggest_names(name, dict(named)))
+    return bodies[name]
+
+
+def _named_joints(world: LoadedWorld) -> Iterator[tuple[str, int]]:
+    """Name of each joint, and the number of its body."""
+    bullet = world.bullet
+    for body in bullet.bodies():
+        for number in range(bullet.getNumJoints(body)):
+            yield _readable(bullet.getJointInfo(body, number)[JOINT_NAME]), body
 
 
 def _whole_body(world: LoadedWorld, body: int) -> BodyPart:

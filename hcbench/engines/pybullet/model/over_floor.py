@@ -59,6 +59,7 @@ class WorldOverFloor:
     masses: kg, of the links and last the base.
     mass: of all, kg.
     floors: the fixed bodies.
+    falling: those with a free base.
     h: time step, s.
     g: gravity, m/s²; up: unit vector against it, (3,).
     Raises UserError for a world without one, without a floor, or without gravity.
@@ -68,21 +69,26 @@ class WorldOverFloor:
         """Find the robot, of several with a free base the one with most joints, and its floors.
 
         robot: its number; None to find it.
-        Raises UserError for a world without a free base, without a floor, or without gravity.
+        Raises UserError for a world without a free base, without a floor, or without gravity, and
+        for a robot that is fixed.
         """
         self._world = world
         bullet = self.bullet = world.bullet
         masses = {body: bullet.getDynamicsInfo(body, -1)[MASS] for body in bullet.bodies()}
-        free = [body for body, mass in masses.items() if mass > 0.0]
+        self.falling = [body for body, mass in masses.items() if mass > 0.0]
         self.floors = [body for body, mass in masses.items() if not mass > 0.0]
-        if not free:
+        if not self.falling:
             got = "no body has a free base"
             raise UserError("model", got, "a robot with a free base, to be dropped")
         if not self.floors:
             got = f"{world.label}: nothing is fixed"
             raise UserError("model", got, "a floor, such as plane.urdf", "Give it as a second file")
         if robot is None:
-            robot = max(free, key=lambda body: (bullet.getNumJoints(body), masses[body]))
+            robot = max(self.falling, key=lambda body: (bullet.getNumJoints(body), masses[body]))
+        elif robot not in self.falling:
+            got = f"{world.name_of(robot)!r} is fixed"
+            expected = f"one that falls: {', '.join(map(world.name_of, self.falling))}"
+            raise UserError("move", got, expected)
         self.robot: int = robot
         self.name = world.name_of(self.robot)
         self.links = list(range(bullet.getNumJoints(self.robot)))
