@@ -22,7 +22,7 @@ from hcbench.tuning.answer import Choice
 
 pytestmark = pytest.mark.usefixtures("tuned_once")
 
-MODELS = 46 if LONG else 16
+MODELS = 46 if LONG else 9
 STEP, E = "2 ms", 0.7
 LAUNCHES = [(share, phase) for share in (0.1, 0.5, 1.0) for phase in (0.15, 0.65)]
 
