@@ -154,7 +154,7 @@ def _of_material(known: MaterialPair, speed: Quantity | None) -> _OfMaterial:
 
 
 def _solref(given: str | Sequence[float | str] | None) -> tuple[float, float] | None:
-    """The two numbers of a solref of MuJoCo's, from text or a sequence; None for None.
+    """The two numbers of a solref, from text or a sequence; None for None.
 
     They are a time constant, s, and a damping ratio, or, both below 0, a stiffness, 1/s², and a
     damping, 1/s; here they are only read.

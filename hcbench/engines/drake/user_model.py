@@ -48,7 +48,7 @@ class Part:
 
 
 class Gap(NamedTuple):
-    """Where two shapes are nearest, in the world.
+    """Nearest points of two shapes, in the world.
 
     distance: of the two, m; below 0 where they overlap.
     normal: of length 1, from the first to the second, (3,).

@@ -246,7 +246,7 @@ _MASK = (1 << _BITS) - 1
 
 
 class _Span(NamedTuple):
-    """Where the positions of the balls, or their velocities, are in states.
+    """Places of the positions of the balls, or of their velocities, in states.
 
     start: their first place in a state of the batch.
     width: numbers of one ball.
