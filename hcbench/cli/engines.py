@@ -143,12 +143,12 @@ def _beside(name: str) -> dict[str, Any]:
     from hcbench.sim import install, registry
 
     if version := registry.version_beside(name):
-        size, where = install.files_of(name)
+        files = install.files_of(name)
         return {
             "version": version,
             "python": platform.python_version(),
-            "size_bytes": size,
-            "where": where,
+            "size_bytes": files.size,
+            "where": files.folder,
         }
     backend = registry.adapter(name).backend
     return {

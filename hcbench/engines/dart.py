@@ -68,7 +68,7 @@ class DartEngine(DescribesContact, ScriptedEngine[DartOptions]):
         # Without a collision aspect nothing but the law's force acts on the ball.
         shapes = "ball_shape.createDynamicsAspect()"
         if not isinstance(options.law, HuntCrossley):
-            shapes = f"{_SHAPES}\n{_set(options)}".rstrip()
+            shapes = f"{_SHAPES}\n{_restitution_lines(options)}".rstrip()
         # Indented: it stands within the step's function.
         hook = _hook(options).replace("\n", "\n    ") or "pass"
         return _LINES.format(length=shortest(options.units_per_metre), shapes=shapes, hook=hook)
@@ -76,7 +76,7 @@ class DartEngine(DescribesContact, ScriptedEngine[DartOptions]):
     def paste(self, options: DartOptions, timestep: str) -> str:
         """Restitutions of both shapes, and what to do before each step."""
         length = f"L = {shortest(options.units_per_metre)}  # of DART's lengths in a metre"
-        return "\n".join(filter(None, (length, _set(options), _hook(options))))
+        return "\n".join(filter(None, (length, _restitution_lines(options), _hook(options))))
 
     def vocabulary(self, contact: OneContact) -> Vocabulary:
         """DART's restitution for an e, with what constraint force mixing takes of it added; caveats
@@ -102,7 +102,7 @@ def _coefficient(e: float) -> float:
     return min(1.0, (1.0 + e) * (1.0 + _MIXING) - 1.0)
 
 
-def _set(options: DartOptions) -> str:
+def _restitution_lines(options: DartOptions) -> str:
     """Lines that set restitutions: 1 of the plate, and that of the ball if it is one for all impacts;
     "" where neither an e nor a law by e is given.
     """

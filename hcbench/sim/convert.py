@@ -5,7 +5,7 @@ each engine from its own folder.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from hcbench.catalogue.target import target_material
 from hcbench.laws.conventions import contact_of, said
@@ -93,7 +93,10 @@ def convert(
     ways = {"alpha": alpha, "drake": drake, "simbody": simbody, "restitution": restitution}
     known = target_material(material, **ways, solref=solref, adams=adams, newton=newton)
     if known is not None:
-        alpha, restitution, speed = _of_material(known, speed)
+        numbers_of_material = _of_material(known, speed)
+        alpha = numbers_of_material.alpha
+        restitution = numbers_of_material.restitution
+        speed = numbers_of_material.speed
     given = {
         "alpha": alpha, "drake": drake, "simbody": simbody, "restitution": restitution, "mass": mass,
         "speed": speed, "contact_time": contact_time, "timestep": timestep,
@@ -115,11 +118,21 @@ def convert(
     return said(contact, own)
 
 
-def _of_material(
-    known: MaterialPair, speed: Quantity | None
-) -> tuple[float | None, float | None, float | None]:
-    """Numbers of a material to convert: (α, s/m, None, speed), or (None, e at the speed, speed) of
-    a material without an α; the speed is in m/s, None if unknown and not needed.
+class _OfMaterial(NamedTuple):
+    """Numbers of a material that are converted.
+
+    alpha: its α, s/m; None for a material without one.
+    restitution: its e at the speed; None for a material with an α, which gives e at any speed.
+    speed: m/s; None for a material with an α where the user gave none.
+    """
+
+    alpha: float | None
+    restitution: float | None
+    speed: float | None
+
+
+def _of_material(known: MaterialPair, speed: Quantity | None) -> _OfMaterial:
+    """Numbers of a material to convert: its α, or without one its e at a speed.
 
     known: the material, with what its source states.
     speed: as the user gave it, or None: then e is taken at a speed of the source, the middle one.
@@ -133,15 +146,15 @@ def _of_material(
     if v is not None:
         known.warn_outside(v, v)
     if known.target.alpha is not None:
-        return known.target.alpha, None, v
+        return _OfMaterial(known.target.alpha, restitution=None, speed=v)
     if v is None:
         got = f"none, and the source of {known.name!r} states none"
         raise UserError("speed", got, "the impact speed at which e is to hold")
-    return None, float(known.curve("law").at(v)), v
+    return _OfMaterial(None, float(known.curve("law").at(v)), v)
 
 
 def _solref(given: str | Sequence[float | str] | None) -> tuple[float, float] | None:
-    """The two numbers of a solref of MuJoCo's, from text or a sequence; None for None.
+    """The two numbers of a solref, from text or a sequence; None for None.
 
     They are a time constant, s, and a damping ratio, or, both below 0, a stiffness, 1/s², and a
     damping, 1/s; here they are only read.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from importlib import metadata
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from hcbench import environments
 from hcbench.environments import ADD
@@ -92,22 +92,29 @@ def names() -> list[str]:
     return [name for name in registry.names() if registry.engine(name).backend is not None]
 
 
-def files_of(name: str) -> tuple[int, str]:
-    """Size of the files, in bytes, and folder of an engine's package in this Python environment;
-    (0, "") for an engine without a package, or where that is not installed.
+class PackageFiles(NamedTuple):
+    """Files of a package in this Python environment: their size, in bytes, and their folder."""
+
+    size: int
+    folder: str
+
+
+def files_of(name: str) -> PackageFiles:
+    """Files of an engine's package in this Python environment; of size 0 and in the folder "" for an
+    engine without a package, or where that is not installed.
 
     Raises UserError for an unknown engine.
     """
     backend = registry.engine(name).backend
     if backend is None:
-        return 0, ""
+        return PackageFiles(0, "")
     size = 0
     folder = ""
     for package in filter(None, (backend.package, backend.instead)):
         for distribution in metadata.Distribution.discover(name=package):
             size += sum(file.size or 0 for file in distribution.files or ())
             folder = str(distribution.locate_file(""))
-    return size, folder
+    return PackageFiles(size, folder)
 
 
 def _backend(name: str) -> Backend:

@@ -201,7 +201,7 @@ def impacts_of(
     """
     # Free steps that were waited for after the parting serve `reading` alone.
     counts = counts - np.where(ends == End.PARTED, reading.steps_after, 0)
-    first, stops, deepest, hardest = _contact(states, counts)
+    first, stops, deepest, hardest = _steps_in_contact(states, counts)
     launch_numbers = np.arange(len(counts))
     # Of a launch that ends in contact, its last step.
     after = np.minimum(stops, counts - 1)
@@ -347,11 +347,23 @@ def _crossing_speeds(
     return v_in, v_out, np.where(seen.ends == End.RESTED, 0.0, -seen.left[1])
 
 
-def _contact(
-    states: Floats, counts: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
-    """Find where the force acts in each launch: the first step, the one after the last, the
-    largest penetration between them, m, and the largest force, N; (b,) each.
+class _InContact(NamedTuple):
+    """Steps with a force in each of b launches, (b,) each.
+
+    first: index of the first step with a force.
+    stops: index of the step after the last one with a force.
+    deepest: largest penetration from the first to the last, m.
+    hardest: largest force, N.
+    """
+
+    first: NDArray[np.int64]
+    stops: NDArray[np.int64]
+    deepest: Floats
+    hardest: Floats
+
+
+def _steps_in_contact(states: Floats, counts: NDArray[np.int64]) -> _InContact:
+    """Find where the force acts in each launch.
 
     states: penetration (m), rate (m/s), force (N), (3, b, n).
     counts: steps that count, (b,).
@@ -365,17 +377,17 @@ def _contact(
         acting = force != 0.0
         acting &= np.arange(n) < counts[:, None]
     first = acting.argmax(axis=1)
-    stop = n - acting[:, ::-1].argmax(axis=1)
+    stops = n - acting[:, ::-1].argmax(axis=1)
     # One reduceat over all launches, end to end.
     row_starts = n * np.arange(launches)
-    edges = np.stack([row_starts + first, row_starts + stop], axis=1).ravel()
+    edges = np.stack([row_starts + first, row_starts + stops], axis=1).ravel()
     # A contact up to the end of the last row has no right edge: reduceat
     # takes no index past the end.
     edges = edges[edges < force.size]
     # From each edge to the next: contact, gap, contact, ... Only the contacts are wanted.
     deepest = np.maximum.reduceat(penetration.ravel(), edges)[::2]
     hardest = np.maximum.reduceat(force.ravel(), edges)[::2]
-    return first, stop, deepest, hardest
+    return _InContact(first, stops, deepest, hardest)
 
 
 # Reads impacts while they are stepped: 18 numbers a launch are all that is kept.

@@ -56,7 +56,7 @@ class Found:
     margin: distance at which it begins to act, m.
     pos: where it is, m.
     frame: its axes as rows, the normal first, from the first geom to the second.
-    solref: MuJoCo's, of its spring.
+    solref: of its spring.
     row: addresses of its constraint rows, the normal's first; -1 without.
     """
 

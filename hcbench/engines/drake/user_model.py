@@ -48,8 +48,12 @@ class Part:
 
 
 class Gap(NamedTuple):
-    """Nearest points of two shapes: signed distance, m; normal from the
-    first to the second; midpoint.
+    """Nearest points of two shapes, in the world.
+
+    distance: of the two, m; below 0 where they overlap.
+    normal: of length 1, from the first to the second, (3,).
+    point: halfway between their nearest points, m, (3,).
+    geometries: ids of the first and the second.
     """
 
     distance: float
@@ -416,7 +420,7 @@ def bring_to_touch(loaded: LoadedPlant, context: Any, request: Request) -> Place
     """Bring the request's pair just to touch, by moving the first part, or else the second, along
     their common normal: the pair as it is to be launched.
 
-    context: the plant's, with everything at rest where it starts; it ends at touch.
+    context: the plant's, with everything at rest where it starts; changed, it ends at touch.
 
     Raises SceneError where the two start deep in each other, UserError for names that the model
     does not have and where no joint brings the two together.

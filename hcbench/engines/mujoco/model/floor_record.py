@@ -171,7 +171,11 @@ class FloorRecord:
         )
 
     def _read_in_python(self, data: Any) -> int:
-        """Read a step as `_read_in_c` does."""
+        """Read a step without C: the number of its points, which may be more than there is room for
+        (then only the first of them are kept), or -1 for a state that was reset.
+
+        data: MjData after the step.
+        """
         if resets(data):
             return -1
         mujoco = backend()

@@ -256,7 +256,7 @@ class RowSearch:
 
     def _unrest(self, tried: Whole) -> Floats:
         """Cost of how the pairs rest with the rows of some members, (m,), in units of e: it grows by
-        _RESTLESS for each power of ten of vibration and of depth above what is free.
+        _RESTLESS for each power of ten of vibration above `_calm` and of depth above `_shallow`.
 
         tried: indices of the members, (m,).
         Vibration (m/s; infinite where the state diverged) and depth (m) are those a while after the

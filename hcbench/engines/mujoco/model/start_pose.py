@@ -277,7 +277,7 @@ def require_joints_within_limits(model: Any, data: Any, bodies: tuple[int, ...])
 
 
 class JointAtLimit(NamedTuple):
-    """Where a joint is beside its limit; m for a slide, else rad.
+    """Place of a joint beside its limit; m for a slide, else rad.
 
     beyond: how far it is beyond the limit, 0 within it; of a ball joint below 0 within it.
     nearest: the nearest value within the limit; NaN for a ball joint, whose limit is on the angle

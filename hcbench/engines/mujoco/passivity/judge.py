@@ -342,7 +342,7 @@ def effect_on_others(option: Mapping[str, str], timestep: float, gravity: float)
 
 
 class _UntunedContact(NamedTuple):
-    """What a ball does in a contact that is not tuned.
+    """Motion of a ball in a contact that is not tuned.
 
     drift: down a slope, mm/s.
     iterations: of the solver, in a step there.

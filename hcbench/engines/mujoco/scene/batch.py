@@ -196,9 +196,9 @@ def replace_free_joint(mujoco: Any, spec: Any, height: float) -> None:
         joint.ref = height
 
 
-def copy_inverse_weights(mujoco: Any, model: Any, free: Any) -> None:
-    """Give balls on slides the inverse masses that MuJoCo computes of a free ball, and so the same
-    contact forces.
+def press_as_free_balls(mujoco: Any, model: Any, free: Any) -> None:
+    """Make balls on slides feel the same contact forces as a free ball: they get the vertical axis
+    and the inverse masses that MuJoCo computes of it.
 
     model: of balls on slides; changed.
     free: of one free ball.
@@ -246,7 +246,7 @@ _MASK = (1 << _BITS) - 1
 
 
 class _Span(NamedTuple):
-    """Where the positions of the balls, or their velocities, are in states.
+    """Places of the positions of the balls, or of their velocities, in states.
 
     start: their first place in a state of the batch.
     width: numbers of one ball.
@@ -432,7 +432,7 @@ def compile_batch(loaded: SceneModel, size: int, sliding: bool) -> BatchedModel:
     # A sparse one adds up in another order from ten balls on: other bits.
     model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     if sliding:
-        copy_inverse_weights(mujoco, model, one)
+        press_as_free_balls(mujoco, model, one)
     _, dofs = _SLIDING if sliding else _FREE
     assert model.nv == size * dofs
     return BatchedModel(model, size, loaded.at, sliding)

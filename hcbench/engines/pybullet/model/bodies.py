@@ -154,8 +154,8 @@ class BulletBody:
     def velocity_at(self, link: int, point: Sequence[float]) -> Vector:
         """Velocity of a link's material point, m/s, in the world.
 
-        point: in the world, m. The base's state is that of the last `refresh`, a link's the present
-        one.
+        point: in the world, m, (3,).
+        The base's state is that of the last `refresh`, a link's the present one.
         """
         if self.kind == "fixed":
             return _ZERO

@@ -119,7 +119,7 @@ class WorldDropBench(DropBench):
     ) -> None:
         """Find the robot of the pairs, and what holds its joints.
 
-        world: ended with the bench where hcbench opened it.
+        world: with the robot; a client that hcbench opened is disconnected when the bench goes.
         requests: of pairs of the robot with the floor; the first has the pose, step and gravity.
         apply: changes the world of each drop.
         """

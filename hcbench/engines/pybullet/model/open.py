@@ -626,6 +626,7 @@ def _put_base(bullet: BulletClient, body: int, values: tuple[float, ...]) -> Non
     """
     if len(values) not in (3, 7):
         raise UserError("qpos", f"base: {len(values)} numbers", "3 or 7: m, quaternion w x y z")
+    # Quaternions are w x y z in hcbench, and x y z w in PyBullet.
     turned = bullet.getBasePositionAndOrientation(body)[1]
     if len(values) == 7:
         turned = (*values[4:], values[3])
