@@ -212,7 +212,7 @@ def _free_rise(z: dict[int, float], fall: float, touch: float) -> list[int]:
             continue
         if z[step + 1] <= z[step - 1]:
             if is_up and fall:
-                break
+                break  # at the top of the first rise
             free.clear()  # without gravity only a contact ends a rise
             continue
         is_up = True

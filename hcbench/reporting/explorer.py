@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import json
 import math
-import operator
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -26,11 +26,23 @@ from hcbench.tuning.usual_errors import errors_of
 if TYPE_CHECKING:
     from hcbench.reporting.tables import Views
 
-_Where: TypeAlias = tuple[float, str, float, float]
-_WHERE = ("gravity", "engine", "step", "alpha")
 _KEY = ["scene", "engine", "setting", "timestep_s", "alpha_s_per_m"]
 # The page opens with this step, s, if the setting ran with it.
 _USUAL_STEP = 2e-3
+
+
+class PageConditions(NamedTuple):
+    """Conditions that a reader chooses, by the names of the page's script.
+
+    gravity: m/s².
+    step: s.
+    alpha: s/m.
+    """
+
+    gravity: float
+    engine: str
+    step: float
+    alpha: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +171,10 @@ def explorer_data(by_gravity: Views) -> dict[str, Any]:
         heads[shown.gravity] = tables.heads(shown.gravity)
         fastest = max(fastest, float(shown.band[1]))
     # The page opens with an answer of `tune`, if there is any.
-    of_answers = list(map(operator.itemgetter(*_WHERE), answers))
+    of_answers = []
+    for answer in answers:
+        chosen = {name: answer[name] for name in PageConditions._fields}
+        of_answers.append(PageConditions(**chosen))
     start = _start(of_answers or ran, view)
     scans = []
     if without_gravity is not None:
@@ -174,7 +189,7 @@ def explorer_data(by_gravity: Views) -> dict[str, Any]:
         "band": [0.0, fastest],
         "gravities": list(heads),
         "engines": [[engine_title(engine), engine] for engine in view.engines],
-        "start": dict(zip(_WHERE, start, strict=True)),
+        "start": start._asdict(),
         "hues": KIND_COLOURS,
         "answers": answers,
         "errors": _errors({answer["engine"] for answer in answers}),
@@ -192,17 +207,17 @@ def explorer_data(by_gravity: Views) -> dict[str, Any]:
     }
 
 
-def _conditions_run(by_gravity: Views) -> list[_Where]:
-    """(gravity, m/s², engine, step, s, α, s/m) of every run over a band of speeds that has a score,
-    in the study's order; those of the reference are left out.
+def _conditions_run(by_gravity: Views) -> list[PageConditions]:
+    """Conditions of every run over a band of speeds that has a score, in the study's order; those of
+    the reference, which is the law itself, are left out.
     """
-    ran: list[_Where] = []
+    ran: list[PageConditions] = []
     for shown in by_gravity.shown:
         for run in shown.band_runs:
             if run.engine == REFERENCE:
                 continue
-            scored = [alpha for alpha in shown.alphas if shown.score(run, alpha) is not None]
-            ran += [(shown.gravity, run.engine, run.timestep, alpha) for alpha in scored]
+            here = partial(PageConditions, shown.gravity, run.engine, run.timestep)
+            ran += [here(alpha) for alpha in shown.alphas if shown.score(run, alpha) is not None]
     return ran
 
 
@@ -212,25 +227,20 @@ def as_json(content: Any) -> str:
     return text.replace("<", "\\u003c")
 
 
-def _start(keys: Sequence[Any], view: View) -> _Where:
+def _start(known: Sequence[PageConditions], view: View) -> PageConditions:
     """Conditions that the page opens with: the first engine at the step nearest to the usual one,
     by ratio, for the α nearest to the main one.
 
-    keys: conditions to choose from, one or more; of another gravity or engine only where the view's
-    gravity and first engine have none.
+    known: conditions to choose from, one or more; of another gravity or engine only where the
+    view's gravity and first engine have none.
     """
 
-    def distance(key: _Where) -> tuple[float, float]:
-        _, _, step, alpha = key
-        return abs(math.log(step / _USUAL_STEP)), abs(alpha - view.main_alpha)
+    def distance(where: PageConditions) -> tuple[float, float]:
+        return abs(math.log(where.step / _USUAL_STEP)), abs(where.alpha - view.main_alpha)
 
-    of_main = []
-    for key in keys:
-        gravity, engine, *_ = key
-        if gravity == view.gravity and engine == view.engines[0]:
-            of_main.append(key)
-    nearest: _Where = min(of_main or keys, key=distance)
-    return nearest
+    under_gravity = [where for where in known if where.gravity == view.gravity]
+    of_main = [where for where in under_gravity if where.engine == view.engines[0]]
+    return min(of_main or known, key=distance)
 
 
 def _answer(view: View, answer: Mapping[str, Any]) -> dict[str, Any]:

@@ -327,7 +327,7 @@ class _Finder:
             self.never.append(Never(settings.setting.name, why))
             settings = None
         has_native = settings is not None or constant is not None
-        # An integrator is of the engine's own contact: the plug-in is no answer to who names one.
+        # An integrator is of the engine's own contact: the plug-in does not answer who names one.
         plug_in_will_do = exact is not None and not self._integrator
         if self._refused is not None and not has_native and not plug_in_will_do:
             raise self._refused

@@ -365,8 +365,8 @@ def _tries(search: _TuneSearch, settings: Iterable[ModelSetting]) -> list[_Try]:
 
 
 def _excess_lift(search: _TuneSearch, setting: ModelSetting) -> float:
-    """How much sliding changes e with a setting, see `_lift`; 0 where it is within the error that
-    is allowed, or hardly more than in the model as it is.
+    """Change of e by sliding with a setting, see `_lift`; 0 where it is within the error that is
+    allowed, or hardly more than in the model as it is.
     """
     lift = _lift(setting.open, search.alike)
     if lift > max(search.max_error, WORSE * _lift(search.as_it_was, search.alike)):
