@@ -599,8 +599,9 @@ def _adds_to_name(outside: str, inside: str) -> bool:
 def _with_unit(name: str, unit: str) -> tuple[str, str]:
     """(name, unit) of "t/s", "time_s", "time, s", "height in cm".
 
-    name: in lower case. unit: in brackets behind it; "" where there were none, and then a unit is
-    looked for in the name.
+    name: in lower case.
+    unit: in brackets behind it; "" where there were none, and then a unit is looked for in the
+    name.
     """
     # Keyboards have the Greek letter, Unicode the sign of micro too.
     name = name.replace("\N{GREEK SMALL LETTER MU}", "µ").strip().rstrip("/").strip()
@@ -625,7 +626,8 @@ def _with_unit(name: str, unit: str) -> tuple[str, str]:
 def _unit_behind(before: str, sign: str, written: str) -> str:
     """The unit that is all that stands behind a sign in a name; "" for other words.
 
-    before: the name up to the sign, such as "_" or " in ". written: what is behind it.
+    before: the name up to the sign, such as "_" or " in ".
+    written: what is behind it.
     """
     if len(written) > _LONGEST_WORD:
         # A sentence, or a line without ends.
@@ -703,7 +705,8 @@ def _usual_units() -> frozenset[str]:
 def explained(name: str, header: Sequence[tuple[str, str]]) -> Iterator[None]:
     """Add to each refusal of a table how hcbench read its header, and lines that it reads.
 
-    name: what errors call the file. header: names with their units, "" for none.
+    name: what errors call the file.
+    header: names with their units, "" for none.
     Raises the UserError of the block again, with the longer advice where it is about the table.
     """
     try:

@@ -204,10 +204,13 @@ def _fitted_shape(
 ) -> Any:
     """The result of SciPy's `least_squares` for the law's F(t) through a pulse.
 
-    time, force: s and N, (n,), the force upwards and its zero removed. inside: mask of the push.
-    mass, speed: kg and m/s. e: by the impulse, to start from. exponent: n where it is given.
-    `x` of the result is ln k, ln e, the time of the first touch, s, and n unless that is given; `fun` is
-    the difference of the force from the law's over the largest force, (n,).
+    time, force: s and N, (n,), the force upwards and its zero removed.
+    inside: mask of the push.
+    mass, speed: kg and m/s.
+    e: by the impulse, to start from.
+    exponent: n where it is given.
+    `x` of the result is ln k, ln e, the time of the first touch, s, and n unless that is given;
+    `fun` is the difference of the force from the law's over the largest force, (n,).
     """
     # SciPy's optimisation is slow to import, and few data are forces.
     from scipy.optimize import least_squares
@@ -409,8 +412,9 @@ def _systematic(
 ) -> float:
     """Root mean square of what a law leaves besides noise, in the unit of the residual.
 
-    residual: (n,). groups: masks, (n,), of points that a smooth error would move alike. The part of
-    noise in the groups' means is taken out; 0 where the means show no more than noise.
+    residual: (n,).
+    groups: masks, (n,), of points that a smooth error would move alike. The part of noise in the
+    groups' means is taken out; 0 where the means show no more than noise.
     known_noise: of a reading, where it is known: then all beyond it counts.
     """
     if known_noise is not None:
@@ -515,7 +519,8 @@ def _in_a_row(count: int) -> list[Floats]:
 def _of_loop(penetration: Floats, rate: Floats) -> list[Floats]:
     """Masks of neighbours in a loop, (n,): by penetration and by rate, on approach and on rebound.
 
-    penetration: (n,), m. rate: of it, (n,), m/s, above 0 on approach.
+    penetration: (n,), m.
+    rate: of it, (n,), m/s, above 0 on approach.
     """
     groups = []
     for side in (rate > 0, rate <= 0):

@@ -45,7 +45,8 @@ class _BounceTold(NamedTuple):
     """A height or a time that one line tells.
 
     bounce: the number of the bounce, from 1; 0 for the drop.
-    number: as written, with a decimal point. unit: Pint's word, "" for none.
+    number: as written, with a decimal point.
+    unit: Pint's word, "" for none.
     words: those of the line before its last number.
     """
 

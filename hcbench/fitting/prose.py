@@ -38,7 +38,9 @@ _LEAST_IN_A_LINE = 2
 class _Reading:
     """A number in a text that may be a reading.
 
-    number: as written. unit: Pint's word, "" for none. begin, end: its place in the text.
+    number: as written.
+    unit: Pint's word, "" for none.
+    begin, end: its place in the text.
     """
 
     number: str

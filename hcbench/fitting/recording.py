@@ -147,7 +147,8 @@ def read_recording(
 def _one_channel(source: _Wav | _Compressed, name: str, sound: Floats, at: int) -> Recording:
     """The loudest channel of sound (channels, samples) that begins with sample `at` of a file.
 
-    Its mean is taken out. Raises UserError for silence, unless the part begins later in the file.
+    Its mean is taken out.
+    Raises UserError for silence, unless the part begins later in the file.
     """
     loudest = sound[0]
     if len(sound) > 1:
@@ -492,7 +493,9 @@ def _clicks(sound: Floats, rate: float, step: float) -> tuple[Indices, Floats]:
     """Samples at which something begins that is louder than before, and its level, dB over the
     noise.
 
-    sound: (n,), filtered. rate: Hz. step: between two values that a sample can have.
+    sound: (n,), filtered.
+    rate: Hz.
+    step: between two values that a sample can have.
     Returns two arrays of shape (m,), in order of time: the loudest _MOST_CLICKS.
     """
     ahead = max(4, round(_NEXT * rate))

@@ -83,7 +83,9 @@ def require_one_unit(
 ) -> None:
     """Raise UserError where a line above a table names another unit of a quantity than its header.
 
-    name: what errors call the file. header: names with their units. above: the rows above.
+    name: what errors call the file.
+    header: names with their units.
+    above: the rows above.
     """
     for called, unit in header:
         of = next((of for of in QUANTITIES_OF_COLUMNS if is_unit_of(unit, of)), "")

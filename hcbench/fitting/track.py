@@ -386,9 +386,12 @@ def _extended(
     """Touches, and those after them that the heights of flights tell, of more than _LEAST_FRAMES
     frames each.
 
-    touches: one or more, s. times: s. heights: over the floor, m, at these times.
+    touches: one or more, s.
+    times: s.
+    heights: over the floor, m, at these times.
     least: height of a flight that is one, m.
-    frame: time between two frames, s. gravity: m/s².
+    frame: time between two frames, s.
+    gravity: m/s².
     """
     while True:
         # Flights shrink: the next one is shorter than the last, if there is a last one.
@@ -435,7 +438,8 @@ def _off_g(track: Track, left: Floats, noise: float) -> tuple[float, float]:
     """Difference of the track's g from the one given, and its standard deviation, as shares of g.
 
     left: residual of each height after the fit, m, (n,): over a flight a parabola where g is
-    another, whatever the law. noise: of a height, m.
+    another, whatever the law.
+    noise: of a height, m.
     """
     # A flight each; the first entries stand for a track without any.
     weights = [1e-300]
