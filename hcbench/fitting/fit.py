@@ -293,7 +293,7 @@ def _reservation(sets: Sequence[Dataset], whole: _Fitted, why_no_law: str, is_al
 
 
 class _InAir(NamedTuple):
-    """What the air of a light ball may explain.
+    """Changes of a result that the air of a light ball may explain.
 
     rivals: fits in air that the data leave.
     why_no_law: a sentence on why no law is chosen for them; "" where one may be.

@@ -188,7 +188,7 @@ def _holds_tables(content: Any) -> bool:
         if _are_records(value) or _holds_tables(value):
             return True
         meanings = meanings_of(str(key))
-        # Three heights or times are no vector, as three places are in ROS.
+        # Three places are a vector in ROS; three heights or times are not.
         least = _LEAST_LISTED - 1 if meanings & _NO_VECTORS else _LEAST_LISTED
         may_be_data = not meanings or _names_data(key)
         if may_be_data and _is_column(value) and len(value) >= least:

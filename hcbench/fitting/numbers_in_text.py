@@ -270,7 +270,7 @@ def _leaves_out_bounces(lines: Sequence[_Line], found: _Columns) -> bool:
 def _of_labels(lines: Sequence[_Line]) -> _Columns:
     """The begins of labels of Audacity whose words are those of touches, among others.
 
-    Empty where a line is no label, and where the words of touches are not those of one kind.
+    Empty where a line is not a label, and where the words of touches are not those of one kind.
     """
     labels = [match for line in lines if (match := _LABEL.fullmatch(line.text))]
     words = [" ".join(_letters(label[3])) for label in labels]

@@ -55,7 +55,7 @@ class _Reading:
 
 
 class _Told(NamedTuple):
-    """What a chain of readings tells.
+    """Meaning of a chain of readings.
 
     name: of the column that they make, such as "height"; "" where they are in doubt.
     drops: the readings of each drop, SI; none where they are in doubt.

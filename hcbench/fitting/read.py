@@ -170,7 +170,7 @@ class _Found(NamedTuple):
 
 
 class _Refused(NamedTuple):
-    """What cannot be read, and why: a table, or None for a sheet without one."""
+    """A table that cannot be read, or None for a sheet without one, and the reason."""
 
     table: Table | None
     error: UserError

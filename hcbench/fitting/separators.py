@@ -208,7 +208,7 @@ def split(text: str, separator: str) -> list[str]:
 
 
 class _Parted(NamedTuple):
-    """What a sign makes of lines.
+    """Rows that a sign makes of lines.
 
     score: how well it parts them; 0 where it gives no numbers.
     width: cells of the rows of numbers.
@@ -287,7 +287,7 @@ def _count_numbers(cells: Sequence[str], separator: str) -> int:
 def _worth_of_header(
     above: Sequence[str], separator: str, width: int, rows: _RowsOfWidth, most_heads: int
 ) -> float:
-    """How many times a header makes rows of numbers likelier: 10 where a name is known, 2 where it has
+    """Factor by which a header makes rows of numbers likelier: 10 where a name is known, 2 where it has
     as many cells, 1 without one.
 
     above: lines before the rows.

@@ -192,7 +192,7 @@ def _cells(line: str, separator: str | None) -> list[str]:
 
 
 class _Layout(NamedTuple):
-    """How the lines of a file are parted into cells.
+    """Form in which the lines of a file are parted into cells.
 
     separator: between cells; None for blanks.
     places: of the columns of numbers, from 0, rising.

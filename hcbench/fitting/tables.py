@@ -519,7 +519,7 @@ def _are_units(cells: Sequence[str]) -> bool:
 
 
 class _Stated(NamedTuple):
-    """What lines before a table state of all of its rows.
+    """Statements of lines before a table about all of its rows.
 
     frequency: of frames or samples, Hz; None for none.
     units: by quantity, such as {"position": "mm"}; under "x" the name of what a column x counts.
