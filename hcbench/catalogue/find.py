@@ -145,8 +145,8 @@ def materials(name: MaterialName | None = None) -> Materials:
 def find(name: MaterialName, folder: Path | None = None) -> MaterialPair:
     """One measurement: by its name, the first of a pair, or of a file; a MaterialPair is itself.
 
-    folder: where paths of files start; the current one by default. Raises UserError as `materials`
-    does.
+    folder: where paths of files start; the current one by default.
+    Raises UserError as `materials` does.
     """
     if folder is not None and is_material_file(name):
         name = folder / str(name)
@@ -161,8 +161,9 @@ def is_material_file(name: object) -> bool:
 def _named(name: object) -> list[MaterialPair]:
     """All measurements of a name, one or more; of one pair, the one to use first.
 
-    name: as of `materials`; a pair counts in either order of its bodies. Raises UserError for a
-    name that is not known, for a file as `read_material`, and for anything else.
+    name: as of `materials`; a pair counts in either order of its bodies.
+    Raises UserError for a name that is not known, for a file as `read_material`, and for anything
+    else.
     """
     if isinstance(name, MaterialPair):
         return [name]
@@ -196,7 +197,8 @@ def _plain(name: str) -> str:
 def _unknown(name: str, wanted: str) -> UserError:
     """The error for a name of no material, with the nearest names.
 
-    name: as the user wrote it. wanted: the same by `_plain`.
+    name: as the user wrote it.
+    wanted: the same by `_plain`.
     """
     names = Materials(_known()).names
     parts = set(re.findall(r"\w+", wanted)) - {"on", "ball"}

@@ -189,8 +189,8 @@ class MaterialPair(FileTable):
     def curve(self, reading: Reading = "law") -> RestitutionCurve:
         """e over the impact speed, to compare with.
 
-        reading: how α gives e: "law", or "linear" for e = 1 - α v. Raises UserError for "linear"
-        where the material has no α.
+        reading: how α gives e: "law", or "linear" for e = 1 - α v.
+        Raises UserError for "linear" where the material has no α.
         """
         if self.alpha_s_per_m is not None:
             return Restitution(self.alpha_s_per_m, reading, of=self.line)

@@ -15,7 +15,8 @@ def target_material(name: MaterialName | None, **others: object) -> MaterialPair
     """The material that a target is given by; None without a name.
 
     others: other ways to give a target, by the names of their options; None for one that is not
-    given. Raises UserError for one that is given too, and for a name or file as `find`.
+    given.
+    Raises UserError for one that is given too, and for a name or file as `find`.
     """
     if name is None:
         return None

@@ -60,7 +60,8 @@ def rivals_in_air(
     """The fits in air that rival those in a vacuum: a constant e, and a smaller α; none for a given
     ball, for single impacts, or where the data show no α.
 
-    fits: of all laws, in a vacuum. widths: per data set (m,), of each e's scatter over s_e.
+    fits: of all laws, in a vacuum.
+    widths: per data set (m,), of each e's scatter over s_e.
     Beside a constant e in a vacuum, the one in air is the only rival: it is another e.
     """
     if not all(s.needs_gravity for s in sets) or sets[0].setup.has_air:
@@ -106,8 +107,8 @@ def _constants_left(
 ) -> tuple[LawFit, ...]:
     """The fits of a constant e that do nearly as well as the likeliest in air: nobody knows the mass.
 
-    in_air: one for each mass tried. in_vacuum: that of a heavy ball, which is the likelier one before
-    the data are seen.
+    in_air: one for each mass tried.
+    in_vacuum: that of a heavy ball, which is the likelier one before the data are seen.
     """
     worst = likeliest.log_evidence - math.log(ODDS_TO_TELL)
     left = [fit for fit in in_air if fit.log_evidence > worst]

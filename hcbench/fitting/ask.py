@@ -167,8 +167,10 @@ def fit_files(
 ) -> FitResult:
     """One fit of all files, compared with that of another material's where `against` names any.
 
-    paths: one file or more. law: a name in LAWS, or "auto".
-    kind: kind of the data, in place of what the headers say. part: of recordings.
+    paths: one file or more.
+    law: a name in LAWS, or "auto".
+    kind: kind of the data, in place of what the headers say.
+    part: of recordings.
     Raises UserError for a file given twice, for one that cannot be read or fitted, and for two
     materials without a number to compare.
     """

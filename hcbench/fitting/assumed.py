@@ -269,7 +269,8 @@ def _with_names(table: Table, taken: Mapping[int, str], why: str) -> tuple[Table
     """A table with the roles of some columns as their names, in SI where they have no unit, and a
     sentence of what it lacked; "" where it lacked nothing.
 
-    taken: {place of a column: its role}. why: the end of the sentence.
+    taken: {place of a column: its role}.
+    why: the end of the sentence.
     """
     header = list(table.header)
     said = []

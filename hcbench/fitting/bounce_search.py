@@ -131,7 +131,8 @@ def trains_in_quiet(
 def clutter_rate(level: Floats, others: Floats, duration: float) -> Floats:
     """Clicks a second, (n,), that are as loud as each of these, dB, and may be taken for it.
 
-    others: (m,), levels of those that count, dB. duration: of the recording, s.
+    others: (m,), levels of those that count, dB.
+    duration: of the recording, s.
     """
     as_loud = (level[:, None] - _AS_LOUD <= others).sum(axis=1)
     return np.asarray(as_loud / duration + _UNSEEN)
@@ -141,8 +142,10 @@ def clutter_rate(level: Floats, others: Floats, duration: float) -> Floats:
 class _Limits:
     """Limits of what a search takes for clutter, and for a train.
 
-    clutter: (n,), rate of clicks that may be taken for each, 1/s. timing: error of a click's time, s.
-    score: above which a train counts. gain, gain_of_weak: least score that the last click adds.
+    clutter: (n,), rate of clicks that may be taken for each, 1/s.
+    timing: error of a click's time, s.
+    score: above which a train counts.
+    gain, gain_of_weak: least score that the last click adds.
     """
 
     clutter: Floats
@@ -158,7 +161,9 @@ def _searched(
     """Trains of three clicks or more that share few of them, the likeliest first: dynamic programming
     over flights, each from a click i to a later click j.
 
-    times, level: (n,), s and dB. shortest: s, of a flight. most: trains, at most.
+    times, level: (n,), s and dB.
+    shortest: s, of a flight.
+    most: trains, at most.
     """
     if len(times) < 3:
         return []
@@ -384,7 +389,8 @@ def _ends_in_echo(times: Floats, clicks: Indices) -> bool:
     """Say whether the last click of a train is an echo: clicks elsewhere follow two touches as
     closely.
 
-    times: of all clicks, s. clicks: (n,), those of the train, 3 or more.
+    times: of all clicks, s.
+    clicks: (n,), those of the train, 3 or more.
     """
     delay = times[clicks[-1]] - times[clicks[-2]]
     others = np.delete(times, clicks)

@@ -163,8 +163,8 @@ class NumberStyle:
     def _float(self, mantissa: str, exponent: str) -> float:
         """The value of a number as `_NUMBER` parts it, in the unit of its cell.
 
-        mantissa: with signs between thousands, if any. exponent: "e-3", "D-3", "x 10^-3" or "".
-        NaN where its signs are not of this style.
+        mantissa: with signs between thousands, if any.
+        exponent: "e-3", "D-3", "x 10^-3" or "". NaN where its signs are not of this style.
         """
         for blank in _BLANKS:
             mantissa = mantissa.replace(blank, "")
@@ -261,8 +261,10 @@ def style_of(
 ) -> NumberStyle:
     """The style of all numbers of a table.
 
-    name: what errors call the file. columns: their cells. beside: decimal signs of the numbers in the
-    text around the table, which tell where the table does not.
+    name: what errors call the file.
+    columns: their cells.
+    beside: decimal signs of the numbers in the text around the table, which tell where the table
+    does not.
     A file has one decimal sign. A comma before three digits may part thousands: then another number
     has to tell.
     Raises UserError for numbers with two decimal signs, and where no number tells which it is.
@@ -336,8 +338,10 @@ def _sort_signs(
 ) -> None:
     """Add a number to those that show the decimal sign of a file, or to those that leave it open.
 
-    column: its place. shown: {decimal sign: the first number that shows it}. unclear: {"." or ",":
-    the numbers in which this sign may part thousands or be the decimal one}. Both are changed.
+    column: its place.
+    shown: {decimal sign: the first number that shows it}.
+    unclear: {"." or ",": the numbers in which this sign may part thousands or be the decimal one}.
+    Both are changed.
     """
     for blank in _BLANKS:
         mantissa = mantissa.replace(blank, "")

@@ -201,6 +201,8 @@ _LEAST_STEM = 5
 _LINKS = ("", "s", "n", "en", "e")
 # Parts of compounds, such as Fallhöhe, have this many letters or more.
 _LEAST_PART = 3
+# Words of the longest phrase that has one meaning.
+_LONGEST_PHRASE = 5
 # Letters of the longest word that is looked up: garbage in a wrong encoding has longer ones.
 _LONGEST_WORD = 60
 # Columns that a refusal shows, and letters of each name, at most.
@@ -330,6 +332,9 @@ def meanings_of(name: str) -> frozenset[str]:
 
 @cache
 def _meanings(words: tuple[str, ...]) -> frozenset[str]:
+    """Do as `meanings_of`, for the words of a name as `_words` parts it; the longest phrase that is
+    known counts, of at most five words.
+    """
     # Alone, "F" is a force; in "v_f" it is final.
     if words == ("f",):
         return frozenset({"force"})
@@ -337,9 +342,10 @@ def _meanings(words: tuple[str, ...]) -> frozenset[str]:
     found: set[str] = set()
     at = 0
     while at < len(words):
-        for count in range(min(5, len(words) - at), 0, -1):
+        for count in range(min(_LONGEST_PHRASE, len(words) - at), 0, -1):
             phrase = " ".join(words[at : at + count])
             if phrase in lexicon:
+                # Some phrases mean two things at once: "height + before".
                 found.update(lexicon[phrase].split(" + "))
                 at += count
                 break
@@ -350,7 +356,9 @@ def _meanings(words: tuple[str, ...]) -> frozenset[str]:
 
 
 def _parts(word: str) -> set[str]:
-    """Meanings of the parts of a word that is in no list; "?" where they are not known."""
+    """Meanings of the parts of a word that is in no list, or of the known word that it is in another
+    spelling or with another ending; "?" where they are not known.
+    """
     if word.isdigit():
         return {word}
     if len(word) > _LONGEST_WORD:
@@ -503,13 +511,16 @@ def is_group(name: str) -> bool:
 
 
 def of_file(name: str) -> str:
-    """Meaning of a name in a line before the table, such as "frequency"; "" for any other."""
+    """Meaning of a name in a line before the table, such as "frequency"; "" for any other.
+
+    The name may have other words before or after: "camera frame rate", "fps of the film".
+    """
     words = _words(name)
     lexicon = _lexicon(of_files=True)
-    for end in range(len(words)):
-        meaning = lexicon.get(" ".join(words[end:]), "") or lexicon.get(
-            " ".join(words[: len(words) - end]), ""
-        )
+    for left_out in range(len(words)):
+        last_words = " ".join(words[left_out:])
+        first_words = " ".join(words[: len(words) - left_out])
+        meaning = lexicon.get(last_words, "") or lexicon.get(first_words, "")
         if meaning:
             return meaning
     return ""
@@ -586,35 +597,51 @@ def _adds_to_name(outside: str, inside: str) -> bool:
 
 
 def _with_unit(name: str, unit: str) -> tuple[str, str]:
-    """(name, unit) of "t/s", "time_s", "time, s", "height in cm"."""
+    """(name, unit) of "t/s", "time_s", "time, s", "height in cm".
+
+    name: in lower case.
+    unit: in brackets behind it; "" where there were none, and then a unit is looked for in the
+    name.
+    """
     # Keyboards have the Greek letter, Unicode the sign of micro too.
-    name, unit = (text.replace("\N{GREEK SMALL LETTER MU}", "µ") for text in (name, unit))
-    name = name.strip().rstrip("/").strip()
+    name = name.replace("\N{GREEK SMALL LETTER MU}", "µ").strip().rstrip("/").strip()
+    unit = unit.replace("\N{GREEK SMALL LETTER MU}", "µ")
     if unit:
         # "height_cm [cm]" says it twice.
         bare, again = _with_unit(name, "")
-        return (bare if again and again == plain_unit(unit) else name), plain_unit(unit)
+        says_it_twice = bool(again) and again == plain_unit(unit)
+        return (bare if says_it_twice else name), plain_unit(unit)
     # The first sign after which all is a unit: "speed_m_s" has m/s, not s.
     for sign in _BEFORE_UNIT.finditer(name, 1):
-        written = name[sign.end() :]
-        if len(written) > _LONGEST_WORD:
-            # A sentence, or a line without ends.
-            continue
-        # "t / 10 ms"
-        divided = f"x{written}" if sign[0].strip() in ("/", "in") else ""
-        # "v_in" has no inches: a speed has none.
-        quantity = QUANTITY_OF.get(role_of(name[: sign.start()]), "")
-        if written in ("in", "n") and sign[0] in ("_", " ") and not is_unit_of(written, quantity):
-            continue
-        unit = _with_prefix(divided) or _BY_POWER.sub(
-            r"\1/\2", units.usual_unit(plain_unit(written))
-        )
-        if is_unit(unit) or unit in PIXELS or _with_prefix(divided):
-            return name[: sign.start()].strip(" _"), unit
+        before = name[: sign.start()]
+        found = _unit_behind(before, sign[0], name[sign.end() :])
+        if found:
+            return before.strip(" _"), found
     # "seconds" alone.
     if len(name) > 2 and is_unit_of(plain_unit(name), "time") and name in _unit_words():
         return "time", plain_unit(name)
     return name, ""
+
+
+def _unit_behind(before: str, sign: str, written: str) -> str:
+    """The unit that is all that stands behind a sign in a name; "" for other words.
+
+    before: the name up to the sign, such as "_" or " in ".
+    written: what is behind it.
+    """
+    if len(written) > _LONGEST_WORD:
+        # A sentence, or a line without ends.
+        return ""
+    # "v_in" has no inches: a speed has none.
+    quantity = QUANTITY_OF.get(role_of(before), "")
+    if written in ("in", "n") and sign in ("_", " ") and not is_unit_of(written, quantity):
+        return ""
+    # "t / 10 ms"
+    scaled = _with_prefix(f"x{written}") if sign.strip() in ("/", "in") else ""
+    if scaled:
+        return scaled
+    unit = _BY_POWER.sub(r"\1/\2", units.usual_unit(plain_unit(written)))
+    return unit if is_unit(unit) or unit in PIXELS else ""
 
 
 def plain_unit(text: str) -> str:
@@ -631,13 +658,18 @@ def plain_unit(text: str) -> str:
 
 
 def _with_prefix(text: str) -> str:
-    """The unit for a power of ten times a unit, such as cm for "10^-2 m"; "" for other text."""
+    """The unit for a power of ten times a unit, such as cm for "10^-2 m"; "" for other text, and for a
+    power that no prefix has.
+    """
     found = _SCALED.fullmatch(text.replace("−", "-").replace("-^", "^-").lower())
     if found is None:
         return ""
-    e, under, power, zeros, over, unit = found.groups()
-    exponent = int(e or power or 0) + len(over or "") - len(under or "")
-    exponent -= 0 if zeros is None else len(zeros) + 1
+    exponent = int(found["e"] or found["power"] or 0)
+    # "100 s", "1/100 s", "0.01 s"
+    exponent += len(found["over"] or "") - len(found["under"] or "")
+    if found["zeros"] is not None:
+        exponent -= len(found["zeros"]) + 1
+    unit = found["unit"]
     bare = re.sub(r"^[cdm](?=[ms])", "", unit)
     exponent += next(k for k, sign in _PREFIXES.items() if f"{sign}{bare}" == unit)
     return f"{_PREFIXES[exponent]}{bare}" if exponent in _PREFIXES else ""
@@ -673,17 +705,16 @@ def _usual_units() -> frozenset[str]:
 def explained(name: str, header: Sequence[tuple[str, str]]) -> Iterator[None]:
     """Add to each refusal of a table how hcbench read its header, and lines that it reads.
 
-    name: what errors call the file. header: names with their units, "" for none.
+    name: what errors call the file.
+    header: names with their units, "" for none.
     Raises the UserError of the block again, with the longer advice where it is about the table.
     """
     try:
         yield
     except UserError as error:
-        if (
-            not error.slot.startswith(name)
-            or "Read: " in error.advice
-            or "Lines that" in error.advice
-        ):
+        is_of_table = error.slot.startswith(name)
+        is_explained = "Read: " in error.advice or "Lines that" in error.advice
+        if not is_of_table or is_explained:
             raise
         advice = [error.advice, _read_as(header)]
         # EXPECTED_COLUMNS are lines that are read: they do where no name was known.
@@ -705,21 +736,24 @@ def _read_as(header: Sequence[tuple[str, str]]) -> str:
 
 def _as_read(name: str, unit: str) -> str:
     """A column and what it was taken for, in words: "'time [s]' as time in s"."""
-    role = role_of(name, unit)
     cell = f"{name[:_LETTERS]} [{unit}]" if unit else name[:_LETTERS]
+    return f"{cell!r} as {_taken_for(name, unit)}"
+
+
+def _taken_for(name: str, unit: str) -> str:
+    """Words for what a column was taken for: "time in s", "a number of rows", "no data", "nothing"."""
+    role = role_of(name, unit)
     bare = role.removeprefix("u_")
-    meaning = "nothing"
     if bare in QUANTITY_OF:
         meaning = _EXAMPLES[bare][0].partition(" [")[0]
         if role != bare:
             meaning = f"uncertainty of {meaning}"
         if units.QUANTITIES[QUANTITY_OF[bare]].unit:
             meaning += f" in {unit}" if unit else " without a unit"
-    elif role or is_beside(name):
-        meaning = "a number of rows"
-        if not role and not meanings_of(name) & {"number", "trial"}:
-            meaning = "no data"
-    return f"{cell!r} as {meaning}"
+        return meaning
+    if role or (is_beside(name) and meanings_of(name) & {"number", "trial"}):
+        return "a number of rows"
+    return "no data" if is_beside(name) else "nothing"
 
 
 def _lines_that_are_read(header: Sequence[tuple[str, str]]) -> str:

@@ -59,7 +59,8 @@ class DataColumns:
     def get(self, role: str) -> Floats:
         """A column of the file in SI, (n,); "time" also of frames that are counted, s.
 
-        role: one of `roles`, or "u_" and a role. Raises UserError for a cell that is not a number.
+        role: one of `roles`, or "u_" and a role.
+        Raises UserError for a cell that is not a number.
         """
         bare = role.removeprefix("u_")
         if role == "time" and role not in self.places:
@@ -229,7 +230,8 @@ def _is_of_trial(name: str) -> bool:
 def _advice_on_unknown(table: Table, roles: dict[str, list[int]], unknown: list[int]) -> str:
     """Advice on columns with unknown names: the kind to ask for, where one of them may be the data.
 
-    roles: {role: places of its columns}. unknown: places of the columns with unknown names.
+    roles: {role: places of its columns}.
+    unknown: places of the columns with unknown names.
     """
     if any(_is_of_trial(table.header[place][0]) for place in unknown):
         return "Name each column by what it has too, such as 'rebound height, trial 1 [cm]'"
@@ -360,8 +362,9 @@ def _with_lone_uncertainty(table: Table, roles: dict[str, list[int]], unknown: l
     """The table with the unit of the column before in each column that is named "SD" or "±" alone:
     it is the uncertainty of that column.
 
-    roles: {role: places of its columns}. unknown: places of the columns without a role. Such a column
-    gets a role, "u_height", and is no more unknown: both are changed in place.
+    roles: {role: places of its columns}.
+    unknown: places of the columns without a role. Such a column gets a role, "u_height", and is no
+    more unknown: both are changed in place.
     """
     header = list(table.header)
     lone = [place for place in unknown if meanings_of(header[place][0]) == {"uncertainty"}]
@@ -433,7 +436,8 @@ def _column_to_take(table: Table, role: str, roles: dict[str, list[int]]) -> int
     """The place of the column to take of several with one role: any of equal ones, the height that
     falls freely, and the time that rises.
 
-    roles: {role: places of its columns}. Raises UserError where they differ.
+    roles: {role: places of its columns}.
+    Raises UserError where they differ.
     """
     places = roles[role]
     clock = next((roles[one][0] for one in ("time", "frame", "sample") if one in roles), None)

@@ -76,7 +76,8 @@ def _rows(table: Table, places: Sequence[int]) -> Rows:
 class _NumberedColumns(NamedTuple):
     """Columns of one quantity whose names differ by a number.
 
-    quantity: "time" or "position". places: in the order of the numbers.
+    quantity: "time" or "position".
+    places: in the order of the numbers.
     """
 
     quantity: str
@@ -147,7 +148,8 @@ def _numbered_columns(table: Table, goes_down: bool) -> _NumberedColumns | None:
 def _name_of_series(table: Table, quantity: str, rows: Rows) -> str:
     """The name of a column of times or heights: "height", "time", or "interval" for times that fall.
 
-    quantity: "time" or "position". rows: of one cell each.
+    quantity: "time" or "position".
+    rows: of one cell each.
     """
     if quantity != "time":
         return "height"
@@ -184,8 +186,9 @@ def _starts_of_drops(
 ) -> list[int]:
     """The first row of each drop, from 0; [0] where the readings do not begin again.
 
-    texts: the cells of each column, none empty below another. of_drops: places of the columns that
-    number the drops. roles: of the columns.
+    texts: the cells of each column, none empty below another.
+    of_drops: places of the columns that number the drops.
+    roles: of the columns.
     """
     of_bounces = [
         place
@@ -238,7 +241,8 @@ def _filled(texts: Sequence[str]) -> list[str]:
 def _numbers_drops(header: tuple[str, str], texts: Sequence[str]) -> bool:
     """Say whether a column has one number, or name, for the rows of each drop.
 
-    header: its name and unit. texts: its cells, none empty below another.
+    header: its name and unit.
+    texts: its cells, none empty below another.
     """
     name, unit = header
     runs = [len(list(group)) for _, group in itertools.groupby(texts)]

@@ -59,8 +59,9 @@ def fit_law(
     sets: data sets that share the law's parameters, each with its own noise s_m.
     reference: m/s, middle of the data.
     width: per data set (m,), how much wider than s_e each e scatters; None: all alike.
-    Ends where a step promises no more gain, or after _STEPS steps. Raises FloatingPointError where
-    no noise is likely, NumPy's LinAlgError where a matrix is singular.
+    Ends where a step promises no more gain, or after _STEPS steps.
+    Raises FloatingPointError where no noise is likely, NumPy's LinAlgError where a matrix is
+    singular.
     """
     parameters = _start(law, sets, reference)
     # One entry a data set: own parameters, relative changes of e, and s_m.
@@ -124,8 +125,8 @@ def fit_law(
 def _share_of_step(move: Floats, own_moves: Sequence[Floats]) -> float:
     """Share, up to 1, of a Newton step to take: no logarithm moves by more than `_LONGEST_STEP`.
 
-    move: of the law's parameters, (q,). own_moves: of each data set's own, (p,); the last is a
-    logarithm.
+    move: of the law's parameters, (q,).
+    own_moves: of each data set's own, (p,); the last is a logarithm.
     """
     longest = float(np.abs(move).max())
     for own_move in own_moves:
@@ -181,7 +182,8 @@ def _law_step(
     """δ of the law's parameters where the likelihood is largest, (q,), and its negated Hessian, (q,
     q).
 
-    reduced, noise: of each data set, its model and s_m. scatter: s_e.
+    reduced, noise: of each data set, its model and s_m.
+    scatter: s_e.
     room: (q,), how far each parameter may rise; one that would rise further stays there, and the
     others are solved again.
     Raises FloatingPointError for a model that is not finite.
@@ -275,7 +277,8 @@ def _shares(
     both.
 
     parameters, centre, spread: shape (2,), the first the part that goes with α; centre is relative
-    to `parameters`. Without a spread the grid has all shares. hessian: (2, 2).
+    to `parameters`. Without a spread the grid has all shares.
+    hessian: (2, 2).
     fine: not used; `_line` is called with the same arguments.
     Returned are points relative to `parameters`, shape (g, 2), ln of the cells' areas, (g,), and a
     mask of the points where e is at most 1.

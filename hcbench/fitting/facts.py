@@ -112,8 +112,9 @@ def require_usual_fall(
     """Raise UserError where a file names a gravity, a tilt, a throw or a motion of the plate that would
     change the answer. A user who gives --gravity has looked.
 
-    sheets: of the file, whose texts are searched. found: its data sets, one or more, with their
-    columns: which facts matter depends on the kind of data.
+    sheets: of the file, whose texts are searched.
+    found: its data sets, one or more, with their columns: which facts matter depends on the kind of
+    data.
     """
     text = _text_about(sheets, [columns for columns, _ in found])
     matters = _facts_that_matter(text, found, setup)
@@ -146,7 +147,9 @@ def _facts_that_matter(
 ) -> set[str]:
     """The facts that would change the answer: "gravity", and keys of _FACTS.
 
-    text: of the file. found: its data sets with their columns. setup: what the user gives.
+    text: of the file.
+    found: its data sets with their columns.
+    setup: what the user gives.
     """
     has_flights = any(data.needs_gravity for _, data in found)
     has_drop_heights = any("height_in" in columns.places for columns, _ in found)
@@ -177,8 +180,9 @@ def _facts_that_matter(
 def _facts_in(text: str, gravity: float) -> Iterator[tuple[str, str]]:
     """Yield (fact, words of the text that tell it) for each fact that a text tells and does not deny.
 
-    text: of a file. gravity: m/s²; another one in the text is the fact "gravity", and its words are
-    the value in m/s². The other facts are keys of _FACTS.
+    text: of a file.
+    gravity: m/s²; another one in the text is the fact "gravity", and its words are the value in
+    m/s². The other facts are keys of _FACTS.
     """
     lines = text.splitlines()
     text = "\n".join(line.casefold() if line.isascii() else folded(line) for line in lines)

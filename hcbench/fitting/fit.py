@@ -144,9 +144,11 @@ def _fitted(sets: Sequence[Dataset], reference: float) -> _Fitted:
 def _read(s: Dataset, reference: float) -> _Fitted:
     """Fits of all laws to one file, in its likeliest reading.
 
-    A reading is a table as it stands, or with a change such as a height left out; it is rated by the
-    evidence of its likeliest law, by the prior of its changes, and by its impacts that stand out.
-    reference: m/s. Raises UserError where no law comes near the data in any reading.
+    A reading is a table as it stands, or with a change such as a height left out; it is rated by
+    the evidence of its likeliest law, by the prior of its changes, and by its impacts that stand
+    out.
+    reference: m/s.
+    Raises UserError where no law comes near the data in any reading.
     """
     readings = readings_of(s)
     if len(readings) == 1:
@@ -276,7 +278,9 @@ def _impact_speeds(sets: Sequence[Dataset]) -> Floats:
 def _reservation(sets: Sequence[Dataset], whole: _Fitted, why_no_law: str, is_alone: bool) -> str:
     """Reason to give a number but choose no law; "" without one.
 
-    whole: all files together. why_no_law: what the air says, "" for nothing. is_alone: one file.
+    whole: all files together.
+    why_no_law: what the air says, "" for nothing.
+    is_alone: one file.
     """
     if is_alone and whole.rival is not None:
         return _other_reading(whole)
@@ -289,7 +293,7 @@ def _reservation(sets: Sequence[Dataset], whole: _Fitted, why_no_law: str, is_al
 
 
 class _InAir(NamedTuple):
-    """What the air of a light ball may explain.
+    """Changes of a result that the air of a light ball may explain.
 
     rivals: fits in air that the data leave.
     why_no_law: a sentence on why no law is chosen for them; "" where one may be.
@@ -304,7 +308,8 @@ class _InAir(NamedTuple):
 def _in_air(sets: Sequence[Dataset], whole: _Fitted, lack: LackOfFit) -> _InAir:
     """The rivals in the air of a light ball, and what they change.
 
-    whole: all files together. lack: of the laws in a vacuum.
+    whole: all files together.
+    lack: of the laws in a vacuum.
     """
     left = laws_left(whole.evidence)
     if left.isdisjoint({*FAMILY, "constant"}):
@@ -328,7 +333,8 @@ def _in_air(sets: Sequence[Dataset], whole: _Fitted, lack: LackOfFit) -> _InAir:
 def _together(sets: Sequence[Dataset], each: Sequence[_Fitted], reference: float) -> _Fitted:
     """Fits of all files at once; evidence: the product over files, each with parameters of its own.
 
-    each: the files by themselves. reference: m/s. Flags and outliers are those of the single files.
+    each: the files by themselves.
+    reference: m/s. Flags and outliers are those of the single files.
     """
     widths: list[Floats] = []
     for one in each:
@@ -461,7 +467,8 @@ def _own_alpha(
 ) -> Estimate:
     """α of one file, s/m, by the law chosen, or by those with and without e0 that all files leave.
 
-    chosen: a law's name, or None. evidence: ln of each law's, of all files together.
+    chosen: a law's name, or None.
+    evidence: ln of each law's, of all files together.
     odds: at which one of the two is ruled out.
     inputs: standard uncertainty of α from what was given, s/m.
     """
@@ -492,7 +499,8 @@ def _with_numbers(
 ) -> FitResult:
     """The result with α, e0 and e of the law that is chosen, or of those left where none is.
 
-    whole: all files together. air: what the air may be of it; α reaches down to the one in air.
+    whole: all files together.
+    air: what the air may be of it; α reaches down to the one in air.
     each: the files by themselves; only those without doubts give a common α.
     """
     laws = laws_left(whole.evidence) if result.law is None else {result.law}
@@ -594,7 +602,8 @@ def _odd_files(used: Sequence[_Fitted], values: Sequence[Estimate]) -> list[tupl
 def _constant_of_drops(whole: _Fitted, used: Sequence[_Fitted]) -> _OverDrops:
     """e of a constant, with what g, height and the like add to its interval, and how drops differ.
 
-    whole: all files together. used: the drops without doubts.
+    whole: all files together.
+    used: the drops without doubts.
     Drops are compared in 1 - e, the share of the speed that is lost.
     """
     inputs = error_budget(whole.fits["constant"], whole.sets).of_inputs
@@ -641,7 +650,8 @@ def _warnings(whole: _Fitted, each: Sequence[_Fitted]) -> list[str]:
     """Warnings of what is assumed, of speeds that balls seldom have, of impacts that count little, of
     files left out, and of a scatter beyond what is tried.
 
-    whole: all files together. each: the files by themselves.
+    whole: all files together.
+    each: the files by themselves.
     """
     warnings = [f"{s.name}: {s.assumed}" for s in whole.sets if s.assumed]
     warnings += filter(None, map(_implausible, whole.sets))

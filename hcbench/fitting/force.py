@@ -7,7 +7,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.special import chdtri
@@ -149,73 +149,102 @@ def fit_pulse(name: str, setup: MeasurementSetup, time: Floats, force: Floats) -
     u_e = math.hypot(of_inputs, u_impulse / (mass * speed))
     if not 0.0 < e < 1.0:
         got = f"the impulse {impulse:.4g} N s is {impulse / (mass * speed):.3g} times m v"
-        raise UserError(
-            name, got, "1 ... 2 times", "Look at mass, speed, units and the sign of the force"
-        )
+        advice = "Look at mass, speed, units and the sign of the force"
+        raise UserError(name, got, "1 ... 2 times", advice)
     if inside.sum() < _LEAST_POINTS:
         return _by_impulse(name, speed, e, u_e)
-    lasts = float(np.ptp(time[inside]))
-    top = float(force.max())
-    # Varied are ln k, ln e, the time of the first touch, and n where it is not given.
-    # `places` of ln k, n and ln e among them.
-    varied = 4
-    places: list[int | None] = [0, 3, 1]
-    if setup.exponent:
-        varied = 3
-        places = [0, None, 1]
-    start_n = setup.exponent or 1.5
-    # In a contact without loss (F t)² is k m times a function of n alone: good enough for a start.
-    start_k = _stiffness_for(top, mass, speed, start_n)
-
-    def residual(p: Floats) -> Floats:
-        """Difference of the force from the law's over the largest, shape (n,), at these parameters."""
-        n = setup.exponent or max(float(p[3]), 1.0)
-        law = HuntCrossley(
-            math.exp(p[0]), max(dissipation_of(min(p[1], -1e-6)) / (1.5 * speed), 0.0), n
-        )
-        loop = closed_form.loop(law, mass, speed, 161)
-        return (
-            np.asarray(force - np.interp(time, loop.time + p[2], loop.force, left=0.0, right=0.0))
-            / top
-        )
-
-    start = [math.log(start_k), math.log(e), float(time[inside][0]) - 0.05 * lasts, start_n]
-
-    low = [-np.inf, -8.0, float(time[0]) - lasts, 1.0][:varied]
-    high = [np.inf, -1e-6, float(time[inside][-1]), 4.0][:varied]
-    scale = [1.0, 0.1, lasts, 0.3][:varied]
-    # SciPy's optimisation is slow to import, and few data are forces.
-    from scipy.optimize import least_squares
-
-    done = least_squares(
-        residual, start[:varied], bounds=(low, high), x_scale=scale, diff_step=[1e-5] * varied
-    )
-    alpha = dissipation_of(float(done.x[1])) / (1.5 * speed)
-    by_log_e = (dissipation_of(float(done.x[1]) + 1e-5) / (1.5 * speed) - alpha) / 1e-5
-    covariance = _covariance(done, places)
+    # F(t) of the law varies with ln k, ln e, the time of the first touch, and n if it is not given.
+    fitted = _fitted_shape(time, force, inside, mass, speed, e, setup.exponent)
+    log_e = float(fitted.x[1])
+    alpha = _alpha_at(log_e, speed)
+    # dα/d(ln e), s/m.
+    by_log_e = (_alpha_at(log_e + _STEP_OF_LOG_E, speed) - alpha) / _STEP_OF_LOG_E
+    # Places of ln k, n and ln e among what varies; α goes with ln e.
+    covariance = _covariance(fitted, [0, None if setup.exponent else 3, 1])
     covariance[2, :] *= by_log_e
     covariance[:, 2] *= by_log_e
     covariance[2, 2] += (by_log_e * u_e / e) ** 2
-    by_shape = math.exp(float(done.x[1]))
-    misfit = float(np.sqrt(np.mean(done.fun[inside] ** 2)))
-    n = setup.exponent or float(done.x[3])
+    left = fitted.fun[inside]
+    noise = _spread(force[np.logical_not(inside)]) / float(force.max())
     return ForceFit(
         file=name,
         kind="force",
-        stiffness=math.exp(done.x[0]),
-        exponent=n,
+        stiffness=math.exp(fitted.x[0]),
+        exponent=setup.exponent or float(fitted.x[3]),
         alpha=alpha,
         covariance=covariance,
         e=e,
         e_uncertainty=u_e,
         speeds=(speed, speed),
-        misfit=misfit,
-        systematic=_systematic(
-            done.fun[inside],
-            _in_a_row(int(inside.sum())),
-            _spread(force[np.logical_not(inside)]) / top,
-        ),
-        e_by_shape=by_shape,
+        misfit=float(np.sqrt(np.mean(left**2))),
+        systematic=_systematic(left, _in_a_row(int(inside.sum())), noise),
+        e_by_shape=math.exp(log_e),
+    )
+
+
+# Step over which α is differentiated by ln e, and relative step of SciPy's derivatives.
+_STEP_OF_LOG_E = 1e-5
+# Points of the law's F(t), between which it is a line.
+_POINTS_OF_LAW = 161
+
+
+def _alpha_at(log_e: float, speed: float) -> float:
+    """α, s/m, at which the law has this ln e at a speed, m/s."""
+    return dissipation_of(log_e) / (1.5 * speed)
+
+
+def _fitted_shape(
+    time: Floats,
+    force: Floats,
+    inside: Floats,
+    mass: float,
+    speed: float,
+    e: float,
+    exponent: float | None,
+) -> Any:
+    """The result of SciPy's `least_squares` for the law's F(t) through a pulse.
+
+    time, force: s and N, (n,), the force upwards and its zero removed.
+    inside: mask of the push.
+    mass, speed: kg and m/s.
+    e: by the impulse, to start from.
+    exponent: n where it is given.
+    `x` of the result is ln k, ln e, the time of the first touch, s, and n unless that is given;
+    `fun` is the difference of the force from the law's over the largest force, (n,).
+    """
+    # SciPy's optimisation is slow to import, and few data are forces.
+    from scipy.optimize import least_squares
+
+    top = float(force.max())
+    first = float(time[inside][0])
+    last = float(time[inside][-1])
+    lasts = float(np.ptp(time[inside]))
+
+    def residual(p: Floats) -> Floats:
+        """Difference of the force from the law's over the largest, shape (n,), at these parameters."""
+        n = exponent or max(float(p[3]), 1.0)
+        # An e of 1 has no loss, and no ln.
+        alpha = max(_alpha_at(min(p[1], -1e-6), speed), 0.0)
+        law = HuntCrossley(math.exp(p[0]), alpha, n)
+        loop = closed_form.loop(law, mass, speed, _POINTS_OF_LAW)
+        of_law = np.interp(time, loop.time + p[2], loop.force, left=0.0, right=0.0)
+        return np.asarray(force - of_law) / top
+
+    # In a contact without loss (F t)² is k m times a function of n alone: good enough for a start.
+    n = exponent or 1.5
+    log_k = math.log(_stiffness_for(top, mass, speed, n))
+    count = 3 if exponent else 4
+    # Of each parameter: ln k, ln e, the time of the first touch, n.
+    start = [log_k, math.log(e), first - 0.05 * lasts, n]
+    low = [-np.inf, -8.0, float(time[0]) - lasts, 1.0]
+    high = [np.inf, -1e-6, last, 4.0]
+    scale = [1.0, 0.1, lasts, 0.3]
+    return least_squares(
+        residual,
+        start[:count],
+        bounds=(low[:count], high[:count]),
+        x_scale=scale[:count],
+        diff_step=[_STEP_OF_LOG_E] * count,
     )
 
 
@@ -383,8 +412,9 @@ def _systematic(
 ) -> float:
     """Root mean square of what a law leaves besides noise, in the unit of the residual.
 
-    residual: (n,). groups: masks, (n,), of points that a smooth error would move alike. The part of
-    noise in the groups' means is taken out; 0 where the means show no more than noise.
+    residual: (n,).
+    groups: masks, (n,), of points that a smooth error would move alike. The part of noise in the
+    groups' means is taken out; 0 where the means show no more than noise.
     known_noise: of a reading, where it is known: then all beyond it counts.
     """
     if known_noise is not None:
@@ -489,7 +519,8 @@ def _in_a_row(count: int) -> list[Floats]:
 def _of_loop(penetration: Floats, rate: Floats) -> list[Floats]:
     """Masks of neighbours in a loop, (n,): by penetration and by rate, on approach and on rebound.
 
-    penetration: (n,), m. rate: of it, (n,), m/s, above 0 on approach.
+    penetration: (n,), m.
+    rate: of it, (n,), m/s, above 0 on approach.
     """
     groups = []
     for side in (rate > 0, rate <= 0):
@@ -503,22 +534,22 @@ def _of_loop(penetration: Floats, rate: Floats) -> list[Floats]:
     return groups
 
 
-def _covariance(done: object, order: list[int | None]) -> Floats:
+def _covariance(fitted: Any, order: list[int | None]) -> Floats:
     """Covariance of three parameters, (3, 3), from the scatter about the fit.
 
-    done: the result of SciPy's `least_squares`.
+    fitted: the result of SciPy's `least_squares`.
     order: places of the three among the fitted parameters; None for one that is given, whose row
     and column are 0.
     """
-    jacobian, fun = done.jac, done.fun  # type: ignore[attr-defined]
-    degrees = max(len(fun) - jacobian.shape[1], 1)
-    whole = np.linalg.pinv(jacobian.T @ jacobian) * float((fun**2).sum()) / degrees
-    out = np.zeros((3, 3))
-    for i, a in enumerate(order):
-        for j, b in enumerate(order):
-            if a is not None and b is not None:
-                out[i, j] = whole[a, b]
-    return out
+    jacobian = fitted.jac
+    degrees = max(len(fitted.fun) - jacobian.shape[1], 1)
+    of_fitted = np.linalg.pinv(jacobian.T @ jacobian) * float((fitted.fun**2).sum()) / degrees
+    covariance = np.zeros((3, 3))
+    for row, of_row in enumerate(order):
+        for column, of_column in enumerate(order):
+            if of_row is not None and of_column is not None:
+                covariance[row, column] = of_fitted[of_row, of_column]
+    return covariance
 
 
 # A fit of forces, for a terminal and as JSON.

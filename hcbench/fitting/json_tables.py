@@ -46,7 +46,8 @@ class _JsonTable(NamedTuple):
 def tables_of_json(name: str, content: Any) -> list[tuple[str, list[Cells]]]:
     """The tables in JSON: what errors call each, and its rows of text, below the texts beside it.
 
-    name: of the file. content: as `json.loads` gives it.
+    name: of the file.
+    content: as `json.loads` gives it.
     Raises UserError where there is no table, and for tables of one header under names of balls.
     """
     tables = list(_tables(content, (), ()))
@@ -75,7 +76,8 @@ def _require_drops(name: str, tables: Sequence[_JsonTable]) -> None:
 def _tables(content: Any, path: Cells, about: tuple[Cells, ...]) -> Iterator[_JsonTable]:
     """The tables in a part of JSON, in their order.
 
-    path: the keys that lead to the part. about: (name, value) beside it.
+    path: the keys that lead to the part.
+    about: (name, value) beside it.
     """
     if isinstance(content, list):
         yield from _tables_of_list(content, path, about)
@@ -88,7 +90,8 @@ def _tables_of_list(
 ) -> Iterator[_JsonTable]:
     """Yield the tables in a list: of each entry that has some, as a drop has; else the list as one.
 
-    path: the keys that lead to the list. about: (name, value) beside it.
+    path: the keys that lead to the list.
+    about: (name, value) beside it.
     """
     is_of_data = bool(path) and _names_data(path[-1])
     has_drops = False
@@ -116,8 +119,8 @@ def _tables_of_record(
 ) -> Iterator[_JsonTable]:
     """Yield the tables in a record: its lists as columns, and those of its other values.
 
-    path: the keys that lead to the record. about: (name, value) beside it, to which its own texts and
-    numbers are added.
+    path: the keys that lead to the record.
+    about: (name, value) beside it, to which its own texts and numbers are added.
     """
     if isinstance(content.get("columns"), list) and isinstance(content.get("data"), list):
         # As pandas writes it.
@@ -144,7 +147,8 @@ def _columns(
 ) -> dict[str, list[Any]]:
     """The columns among the values of a record, by their names with units.
 
-    path: the keys that lead to the record. about: (name, value) beside it.
+    path: the keys that lead to the record.
+    about: (name, value) beside it.
     """
     columns = {}
     # {"apex": {"time_s": [...]}}
@@ -184,7 +188,7 @@ def _holds_tables(content: Any) -> bool:
         if _are_records(value) or _holds_tables(value):
             return True
         meanings = meanings_of(str(key))
-        # Three heights or times are no vector, as three places are in ROS.
+        # Three places are a vector in ROS; three heights or times are not.
         least = _LEAST_LISTED - 1 if meanings & _NO_VECTORS else _LEAST_LISTED
         may_be_data = not meanings or _names_data(key)
         if may_be_data and _is_column(value) and len(value) >= least:

@@ -136,7 +136,8 @@ class Reduced:
     def own_step(self, scatter: float, noise: float, law_step: Floats) -> Floats:
         """δ_own that goes with δ_law, both where the likelihood is largest: shape (p,).
 
-        scatter, noise: s_e and s_m. law_step: δ_law, shape (q,).
+        scatter, noise: s_e and s_m.
+        law_step: δ_law, shape (q,).
         """
         p, q = self.own, self.law
         if not p:

@@ -181,8 +181,10 @@ def _is_same(times: Floats, better: Floats) -> bool:
 class _Heard:
     """One train, timed, and the law with e0 fitted to it.
 
-    places: sample of each touch's click. numbers: which touch each is, from 0. reference: speed of
-    the fit, m/s. fit: None where there are too few touches, or where no law fits them.
+    places: sample of each touch's click.
+    numbers: which touch each is, from 0.
+    reference: speed of the fit, m/s.
+    fit: None where there are too few touches, or where no law fits them.
     """
 
     band: FrequencyBand
@@ -278,8 +280,8 @@ class _Heard:
         itself where no click does, where fewer than five touches would be left, and where the law
         with e0 does not fit the rest.
 
-        The scatter s_e about the law without e0 judges, because e0 bends to such clicks. Raises
-        ArithmeticError or ValueError where that law cannot be fitted.
+        The scatter s_e about the law without e0 judges, because e0 bends to such clicks.
+        Raises ArithmeticError or ValueError where that law cannot be fitted.
         """
         rough = self.plain().scatter
         for count in range(1, _KNOCKS + 1):

@@ -45,7 +45,8 @@ class _BounceTold(NamedTuple):
     """A height or a time that one line tells.
 
     bounce: the number of the bounce, from 1; 0 for the drop.
-    number: as written, with a decimal point. unit: Pint's word, "" for none.
+    number: as written, with a decimal point.
+    unit: Pint's word, "" for none.
     words: those of the line before its last number.
     """
 
@@ -88,7 +89,7 @@ def rows_of_messages(text: str) -> tuple[Row, ...]:
         if len(bounces) < _LEAST or len(drop) > 1 or not is_counted:
             continue
         name = _column_name(quantity, bounces)
-        # The time of the drop is no touch.
+        # The drop is not a touch.
         if name and not (drop and quantity == "time"):
             si_unit = units.QUANTITIES[quantity].unit
             rows = [(1, (f"{x:.9g}",)) for x in _in_si(told, quantity)]
@@ -212,7 +213,7 @@ def _column_name(quantity: str, bounces: Sequence[_BounceTold]) -> str:
     """The name of the column that the readings make: "height", "touch time" or "interval".
 
     bounces: without the drop. "" where no line tells of a bounce, no reading has a unit, or times
-    neither rise nor are said to be intervals.
+    neither rise nor have a name of intervals.
     """
     words = " ".join(one.words for one in bounces)
     found = meanings_of(words)

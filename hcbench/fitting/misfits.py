@@ -123,7 +123,8 @@ def gains_by_moving(fit: LawFit, s: Dataset, rows: Sequence[int], moves: Floats)
     """The gain in ln evidence where one reading each is another, to first order: shape (c,).
 
     fit: of one data set, s, whose noise is not given.
-    rows: which reading. moves: (c,), by how much, in the unit of the data.
+    rows: which reading.
+    moves: (c,), by how much, in the unit of the data.
     """
     (model,) = fit.models
     moved = np.repeat(model.residual[:, None], len(moves), axis=1)

@@ -40,34 +40,33 @@ def next_lines(
         return []
     low, high = _inwards(*result.speeds)
     speeds = f'--speeds "{low:g}:{high:g} m/s"'
+    # Options of a target, and those that `tune` takes besides.
+    besides = ""
     if result.is_plain and result.alpha is not None:
-        check = f'--alpha "{with_uncertainty(result.alpha.value, result.alpha.uncertainty)} s/m"'
-        what = f"{check} --plugin"
+        alpha = with_uncertainty(result.alpha.value, result.alpha.uncertainty)
+        target = f'--alpha "{alpha} s/m"'
+        besides = " --plugin"
     elif result.law == "constant" and result.restitution is not None:
-        what = check = f"--restitution {result.restitution.value:.6g}"
+        target = f"--restitution {result.restitution.value:.6g}"
     else:
-        check = f"--points {_POINTS}"
+        target = f"--points {_POINTS}"
         # A ball was measured: settings for balls alone will do.
-        what = f"{check} --corners 1"
+        besides = " --corners 1"
     lines = ["next:"]
-    if _POINTS in what and "--write-points" not in given:
+    if _POINTS in target and "--write-points" not in given:
         lines.append(f"  hcbench {shlex.join(given)} --write-points {_POINTS}")
     if scene is not None:
         replayed, file = scene
         engine = replayed.setting.engine
         limit = limit_of(result, replayed.e_off)
     else:
-        file = "scene.py"
-        if _reads_xml(engine):
-            file = "scene.xml"
+        file = "scene.xml" if _reads_xml(engine) else "scene.py"
         limit = limit_of(result)
-        lines.append(
-            f"  hcbench tune {engine} {what} --timestep 1e-3 {speeds} --write-scene {file}"
-        )
+        tune = f"  hcbench tune {engine} {target}{besides} --timestep 1e-3 {speeds}"
+        lines.append(f"{tune} --write-scene {file}")
     if _reads_xml(engine):
-        lines.append(
-            f"  hcbench check {shlex.quote(file)} --pair {_PAIR} {check} {speeds} --max-error {limit:.2g}"
-        )
+        check = f"  hcbench check {shlex.quote(file)} --pair {_PAIR} {target} {speeds}"
+        lines.append(f"{check} --max-error {limit:.2g}")
     return lines
 
 

@@ -270,7 +270,7 @@ def _leaves_out_bounces(lines: Sequence[_Line], found: _Columns) -> bool:
 def _of_labels(lines: Sequence[_Line]) -> _Columns:
     """The begins of labels of Audacity whose words are those of touches, among others.
 
-    Empty where a line is no label, and where the words of touches are not those of one kind.
+    Empty where a line is not a label, and where the words of touches are not those of one kind.
     """
     labels = [match for line in lines if (match := _LABEL.fullmatch(line.text))]
     words = [" ".join(_letters(label[3])) for label in labels]
@@ -294,8 +294,9 @@ def _records(
 ) -> _Columns:
     """Columns of records that begin at these lines: those with a name that all of them have.
 
-    named: {place in `lines`: the numbers of that line with their names}. starts: places in `lines`,
-    rising. Empty for two balls side by side, and for numbers without any word, which are a table.
+    named: {place in `lines`: the numbers of that line with their names}.
+    starts: places in `lines`, rising. Empty for two balls side by side, and for numbers without any
+    word, which are a table.
     """
     first = lines[starts[0]].text
     # "points [1]:" is over the lines of its record.
@@ -386,8 +387,9 @@ def _names_of_numbers(
 ) -> list[str]:
     """The name of each number in lines that are alike; "" where nothing names it.
 
-    parted: the numbers of each line, as many in each. common: the words before each number that all
-    lines have. A number without words has the name of the one before.
+    parted: the numbers of each line, as many in each.
+    common: the words before each number that all lines have. A number without words has the name of
+    the one before.
     """
     clocks = [place for place, one in enumerate(parted[0]) if ":" in one.number]
     # Of a label, the begin and the end; a clock alone is of touches where its times are a train.
@@ -548,8 +550,8 @@ def _of_lists(text: str) -> _Columns:
 class _NamedList(NamedTuple):
     """A list of numbers in a text.
 
-    label: words between the list and its name, such as "drop 2". name: of a column, with its unit.
-    Both are "" where there is none.
+    label: words between the list and its name, such as "drop 2".
+    name: of a column, with its unit. Both are "" where there is none.
     """
 
     label: str
@@ -602,7 +604,8 @@ class _Run(NamedTuple):
 def _runs(gaps: Sequence[str], period: int) -> Iterator[_Run]:
     """Yield the runs of numbers that are long enough for a list.
 
-    gaps: signs between each number and the next. period: of the gaps.
+    gaps: signs between each number and the next.
+    period: of the gaps.
     """
     at = 0
     is_same_again = [gap == later for gap, later in zip(gaps, gaps[period:], strict=False)]

@@ -38,7 +38,9 @@ _LEAST_IN_A_LINE = 2
 class _Reading:
     """A number in a text that may be a reading.
 
-    number: as written. unit: Pint's word, "" for none. begin, end: its place in the text.
+    number: as written.
+    unit: Pint's word, "" for none.
+    begin, end: its place in the text.
     """
 
     number: str
@@ -53,7 +55,7 @@ class _Reading:
 
 
 class _Told(NamedTuple):
-    """What a chain of readings tells.
+    """Meaning of a chain of readings.
 
     name: of the column that they make, such as "height"; "" where they are in doubt.
     drops: the readings of each drop, SI; none where they are in doubt.

@@ -156,7 +156,9 @@ def _zero(values: Floats, rate: float) -> Floats:
 def _with_width(away: Floats, rate: float, noise: float, width: int) -> Pulses | None:
     """The pulses whose energy, averaged over `width` samples, stands out; None for none.
 
-    away: the signal without its zero, (n,). noise: its standard deviation in quiet. rate: Hz.
+    away: the signal without its zero, (n,).
+    noise: its standard deviation in quiet.
+    rate: Hz.
     """
     from scipy.ndimage import uniform_filter1d
 
@@ -200,8 +202,11 @@ def _contact(pulses: Sequence[_Pulse]) -> float:
 class _Pulse:
     """One pulse, in samples and the signal's unit.
 
-    place: sample of the largest value. middle: that of its energy's middle, with a fraction.
-    area: sum over its samples. top: largest value, of either sign. count: of samples that count.
+    place: sample of the largest value.
+    middle: that of its energy's middle, with a fraction.
+    area: sum over its samples.
+    top: largest value, of either sign.
+    count: of samples that count.
     """
 
     place: int

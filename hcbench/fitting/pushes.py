@@ -45,7 +45,8 @@ _CLIPPED = 3
 def recording_of(signal: Signal, begin: float = 0.0, end: float | None = None) -> Recording:
     """A signal, or a part of it, as a recording of at most 48 000 samples a second.
 
-    begin, end: s, from its first sample. Raises UserError for a part without samples.
+    begin, end: s, from its first sample.
+    Raises UserError for a part without samples.
     """
     first = round(begin * signal.rate)
     last = len(signal.values)

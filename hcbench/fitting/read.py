@@ -170,7 +170,7 @@ class _Found(NamedTuple):
 
 
 class _Refused(NamedTuple):
-    """What cannot be read, and why: a table, or None for a sheet without one."""
+    """A table that cannot be read, or None for a sheet without one, and the reason."""
 
     table: Table | None
     error: UserError
@@ -290,7 +290,8 @@ def _understood(table: Table, asked: str | None) -> tuple[DataColumns, str]:
     """The columns of a table by role, rows without a reading left out and times rising, and the kind of
     data.
 
-    asked: one of KINDS, or None. Raises UserError where the columns are not data of a kind.
+    asked: one of KINDS, or None.
+    Raises UserError where the columns are not data of a kind.
     """
     table, assumed = completed(table, asked)
     with explained(table.name, table.header):
@@ -585,8 +586,9 @@ def _seen(columns: DataColumns, role: str) -> tuple[DataColumns, Indices | None]
     """The rows of bounces that have a reading, and which bounce each is, from 0 for the first of them,
     (n,); None where all are seen.
 
-    role: "time" or "height". A row without a reading, and a number that is left out, are a bounce that
-    was not seen. Raises UserError where more than three in a row were not.
+    role: "time" or "height". A row without a reading, and a number that is left out, are a bounce
+    that was not seen.
+    Raises UserError where more than three in a row were not.
     """
     given = np.flatnonzero(columns.table.is_given(columns.places[role]))
     numbers = bounce_numbers(columns)[given]
@@ -678,8 +680,9 @@ def too_few_touches(name: str, count: int, least: int) -> UserError:
 def _heights(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     """Check the heights of successive bounces, m, and make a data set of them.
 
-    A first row that is the drop height itself is left out. Raises UserError for heights that do not
-    fall, too few or too many of them, and a first bounce above the drop.
+    A first row that is the drop height itself is left out.
+    Raises UserError for heights that do not fall, too few or too many of them, and a first bounce
+    above the drop.
     """
     columns, numbers = _seen(columns, "height")
     heights = columns.get("height")

@@ -181,7 +181,8 @@ def _smoothness(s: Dataset) -> float:
 def _line_score(speed: Floats, log_e: Floats, error: Floats) -> float:
     """ln of the likelihood of ln e (n,) about its line over speed, with these relative errors.
 
-    speed: (n,), above 0, in any unit. error: (n,), the standard error of each ln e.
+    speed: (n,), above 0, in any unit.
+    error: (n,), the standard error of each ln e.
     Errors are larger by the one factor, 1 or more, that the data show.
     """
     n = len(speed)

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.io import wavfile
@@ -106,48 +106,62 @@ def read_recording(
     if source.rate < LEAST_RATE:
         raise UserError(name, f"{source.rate} samples a second", f"{LEAST_RATE} or more")
     first = round(begin * source.rate)
-    last = math.inf
-    if end is not None:
-        last = round(end * source.rate)
+    last = math.inf if end is None else round(end * source.rate)
     if last <= first:
         raise UserError("--to", f"{end:g} s", f"after --from, {begin:g} s")
+    best: Recording | None = None
+    best_score = -math.inf
+    for part in _parts_of(source, name, first, last):
+        # A recording that is searched whole needs no score.
+        is_whole = best is None and part.is_last
+        likely = math.inf if is_whole else score(part.recording)
+        if likely > best_score:
+            best_score = likely
+            best = part.recording
+    assert best is not None, "the last part is one"
+    return best
+
+
+class _Part(NamedTuple):
+    """A part of a recording; the last one has what is left."""
+
+    recording: Recording
+    is_last: bool
+
+
+def _parts_of(source: _Wav | _Compressed, name: str, first: int, last: float) -> Iterator[_Part]:
+    """Yield a recording in parts of 20 s that overlap by 8 s, and what is left, up to 24 s.
+
+    first, last: samples, of which the last may be infinite.
+    Raises UserError for samples that are not finite, and for less than 0.2 s in all.
+    """
     kept = round(_WINDOW * source.rate)
     gone = kept - round(_OVERLAP * source.rate)
     # Shape (channels, samples).
     window = np.zeros((0, 0))
     # The window's first sample, counted from the start of the file.
     at = first
-    best: Recording | None = None
-    top = -math.inf
     for block in source.blocks(first, last):
-        if window.size:
-            window = np.concatenate([window, block], axis=1)
-        else:
-            # Only the first block tells the number of channels.
-            window = block
+        # Only the first block tells the number of channels.
+        window = np.concatenate([window, block], axis=1) if window.size else block
         if not np.isfinite(block).all():
             raise UserError(name, "samples that are not finite", "a recording")
         if window.shape[1] > _WHOLE * source.rate:
-            part = _one_channel(source, name, window[:, :kept], at)
-            likely = score(part)
-            if likely > top:
-                top = likely
-                best = part
+            yield _Part(_one_channel(source, name, window[:, :kept], at), is_last=False)
             window = window[:, gone:].copy()
             at += gone
-    if best is None and (not window.size or window.shape[1] < 0.2 * source.rate):
+    is_alone = at == first
+    if is_alone and (not window.size or window.shape[1] < 0.2 * source.rate):
         got = f"{window.shape[-1] / source.rate:.2g} s of sound"
         raise UserError(name, got, "a recording of several bounces")
-    rest = _one_channel(source, name, window, at)
-    if best is None or score(rest) > top:
-        return rest
-    return best
+    yield _Part(_one_channel(source, name, window, at), is_last=True)
 
 
 def _one_channel(source: _Wav | _Compressed, name: str, sound: Floats, at: int) -> Recording:
     """The loudest channel of sound (channels, samples) that begins with sample `at` of a file.
 
-    Its mean is taken out. Raises UserError for silence, unless the part begins later in the file.
+    Its mean is taken out.
+    Raises UserError for silence, unless the part begins later in the file.
     """
     loudest = sound[0]
     if len(sound) > 1:
@@ -492,7 +506,9 @@ def _clicks(sound: Floats, rate: float, step: float) -> tuple[Indices, Floats]:
     """Samples at which something begins that is louder than before, and its level, dB over the
     noise.
 
-    sound: (n,), filtered. rate: Hz. step: between two values that a sample can have.
+    sound: (n,), filtered.
+    rate: Hz.
+    step: between two values that a sample can have.
     Returns two arrays of shape (m,), in order of time: the loudest _MOST_CLICKS.
     """
     ahead = max(4, round(_NEXT * rate))

@@ -178,7 +178,8 @@ def _made_up(scene: Replay, touches: TouchTimes) -> Replay:
 def recorded_touches(touches: TouchTimes) -> Floats:
     """Recorded touches from the second on, up to the first that is unheard, s.
 
-    Shape (n,), from the time of the second touch. Raises UserError for fewer than 4 in a row.
+    Shape (n,), from the time of the second touch.
+    Raises UserError for fewer than 4 in a row.
     """
     numbers = touches.numbers
     if numbers is None:
@@ -200,7 +201,9 @@ def target_of(
     of its curve.
 
     alpha: s/m, of plain eq. (16); None for another law.
-    speeds: the band, m/s. gravity: m/s². timestep: s.
+    speeds: the band, m/s.
+    gravity: m/s².
+    timestep: s.
 
     The scene keeps its own mass and stiffness.
     """

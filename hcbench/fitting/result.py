@@ -155,7 +155,8 @@ class FitResult(Drawn):
     doubts: why neither a law nor α is given although one was fitted.
     reservation: why no law is given.
     lack: the odds that no law fits.
-    flags: touches that stand out. warnings: sentences for the user.
+    flags: touches that stand out.
+    warnings: sentences for the user.
     drops: of several files, each by itself; between: by which share of α they differ beyond their
     own errors.
     against: the comparison with another material, where files of one were given.

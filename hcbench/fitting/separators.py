@@ -65,7 +65,8 @@ def rows_of(name: str, lines: Sequence[tuple[int, str]]) -> tuple[Row, ...]:
     """Rows of cells in the lines of a file, parted by the sign that gives the most columns of
     numbers under a header of as many names.
 
-    name: what errors call the file. lines: numbers and text, without empty ones.
+    name: what errors call the file.
+    lines: numbers and text, without empty ones.
     Raises UserError for a line that is too long for a row, and for a cell that is too long to be a
     number or a name.
     """
@@ -110,10 +111,11 @@ def _likeliest_sign(texts: Sequence[str]) -> str:
 def _cells_above(text: str, sign: str, width: int, is_counted: bool) -> list[str]:
     """Cells of a line above the numbers, which may be the header.
 
-    sign, width: of the rows of numbers. is_counted: their first column counts, and may have no name:
-    pandas prints none over the index of the rows.
-    A header may have other signs between its names than there are between the numbers. Of the ways that
-    give as many names as numbers the one with the most known names is taken.
+    sign, width: of the rows of numbers.
+    is_counted: their first column counts, and may have no name: pandas prints none over the index
+    of the rows.
+    A header may have other signs between its names than there are between the numbers. Of the ways
+    that give as many names as numbers the one with the most known names is taken.
     """
     ways = [
         way
@@ -206,10 +208,11 @@ def split(text: str, separator: str) -> list[str]:
 
 
 class _Parted(NamedTuple):
-    """What a sign makes of lines.
+    """Rows that a sign makes of lines.
 
     score: how well it parts them; 0 where it gives no numbers.
-    width: cells of the rows of numbers. first: place of the first line with as many.
+    width: cells of the rows of numbers.
+    first: place of the first line with as many.
     """
 
     score: float
@@ -221,8 +224,10 @@ class _Parted(NamedTuple):
 class _RowsOfWidth:
     """Rows of numbers with as many cells each, of the lines looked at.
 
-    first: place of the first such line. heads: their first cells. full: cells of the fullest of them,
-    less the empty ones at its end. numbers: how many numbers they have, less where cells are text.
+    first: place of the first such line.
+    heads: their first cells.
+    full: cells of the fullest of them, less the empty ones at its end.
+    numbers: how many numbers they have, less where cells are text.
     """
 
     first: int
@@ -282,11 +287,12 @@ def _count_numbers(cells: Sequence[str], separator: str) -> int:
 def _worth_of_header(
     above: Sequence[str], separator: str, width: int, rows: _RowsOfWidth, most_heads: int
 ) -> float:
-    """How many times a header makes rows of numbers likelier: 10 where a name is known, 2 where it has
+    """Factor by which a header makes rows of numbers likelier: 10 where a name is known, 2 where it has
     as many cells, 1 without one.
 
-    above: lines before the rows. width: cells of the rows. most_heads: how many rows tell whether
-    their first column counts.
+    above: lines before the rows.
+    width: cells of the rows.
+    most_heads: how many rows tell whether their first column counts.
     """
     worth = 1.0
     is_counted = counts(rows.heads[:most_heads])

@@ -275,7 +275,8 @@ def _first_es(
 ) -> tuple[float, float, float]:
     """e at the first and at the second touch, and the speed of the first over that of the second.
 
-    height: of the drop, m. first, second: flights after the two touches, s.
+    height: of the drop, m.
+    first, second: flights after the two touches, s.
     """
     speed, _ = way.dropped(height)
     launch = way.launch(first)

@@ -204,7 +204,8 @@ def _of_json(name: str, content: Any, text: str = "") -> list[Sheet]:
     """The sheets in JSON, one for each table at any depth.
 
     text: of the whole file, which the first sheet has: the text of a chat is among what it says of
-    itself. Raises UserError as `tables_of_json`.
+    itself.
+    Raises UserError as `tables_of_json`.
     """
     sheets: list[Sheet] = []
     for called, rows in tables_of_json(name, content):

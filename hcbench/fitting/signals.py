@@ -79,7 +79,9 @@ _OF_PLACES = {"height", "height_in", "height_out", "penetration", "rate", "resti
 class Signal:
     """One quantity over time, sampled evenly.
 
-    values: (n,), in its own unit. rate: samples a second. begin: time of the first, s.
+    values: (n,), in its own unit.
+    rate: samples a second.
+    begin: time of the first, s.
     what: the column's name and unit, as the file has them.
     is_force: True for a force, and then `values` are in N.
     assumed: what the file does not say and its numbers leave no choice about.
@@ -190,9 +192,10 @@ def _cells(line: str, separator: str | None) -> list[str]:
 
 
 class _Layout(NamedTuple):
-    """How the lines of a file are parted into cells.
+    """Form in which the lines of a file are parted into cells.
 
-    separator: between cells; None for blanks. places: of the columns of numbers, from 0, rising.
+    separator: between cells; None for blanks.
+    places: of the columns of numbers, from 0, rising.
     """
 
     separator: str | None
@@ -332,9 +335,10 @@ def _lines_about(lines: Sequence[str], layout: _Layout, first: int) -> Iterator[
 def _of_columns(name: str, columns: Sequence[_Column], head: str) -> Signal | None:
     """The signal in columns of numbers, that with the clearest pulses.
 
-    name: what errors call the file. head: lines about it, in lower case.
-    None without a time or a rate, for too few or equal samples, fewer than 40 a second, and for heights
-    under an unknown name.
+    name: what errors call the file.
+    head: lines about it, in lower case.
+    None without a time or a rate, for too few or equal samples, fewer than 40 a second, and for
+    heights under an unknown name.
     """
     clocks = [one for one in columns if _is_even(one.numbers)]
     others = [one for one in columns if not any(one is clock for clock in clocks)]
@@ -382,7 +386,8 @@ def _sample_times(
 ) -> _Timed | None:
     """Times of the samples by the first of the clocks, or by their rate where there is none.
 
-    count: of the samples. rate: samples a second, None where the file does not tell it.
+    count: of the samples.
+    rate: samples a second, None where the file does not tell it.
     None where neither tells the times.
     """
     if clocks:

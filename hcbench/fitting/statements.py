@@ -53,19 +53,24 @@ _OTHER_THINGS = {"drop", "upper edge", "changed", "group"}
 
 
 def metres_of_pixel(text: str) -> float | None:
-    """Metres of one pixel, by the scale that a text states; None for no scale, or several."""
+    """Metres of one pixel, by the scale that a text states: "412 px = 1 m", "mm per pixel: 2.4".
+
+    None for no scale, one with a 0, or several that differ.
+    """
     found = set()
-    for match in (match for form in _SCALES for match in form.finditer(text)):
-        given = match.groupdict()
-        unit = plain_unit(given["unit"])
-        if is_unit_of(unit, "position"):
-            number = {
-                one: float((given.get(one) or "1").replace(",", "."))
-                for one in ("pixels", "length")
-            }
-            if all(number.values()):
+    for form in _SCALES:
+        for match in form.finditer(text):
+            given = match.groupdict()
+            unit = plain_unit(given["unit"])
+            if not is_unit_of(unit, "position"):
+                continue
+            # One that is left out is 1: "px per mm".
+            pixels = float((given.get("pixels") or "1").replace(",", "."))
+            length = float((given.get("length") or "1").replace(",", "."))
+            if pixels and length:
                 metre = unit_scale("scale", "scale", unit, "position")
-                found.add(float(f"{number['length'] * metre / number['pixels']:.9g}"))
+                # The same scale in another unit differs in the last digits.
+                found.add(float(f"{length * metre / pixels:.9g}"))
     return found.pop() if len(found) == 1 else None
 
 
@@ -83,21 +88,33 @@ def require_one_unit(
 ) -> None:
     """Raise UserError where a line above a table names another unit of a quantity than its header.
 
-    name: what errors call the file. header: names with their units. above: the rows above.
+    name: what errors call the file.
+    header: names with their units.
+    above: the rows above.
     """
-    for called, unit in header:
-        of = next((of for of in QUANTITIES_OF_COLUMNS if is_unit_of(unit, of)), "")
-        for line, said in _units_said(above, of) if unit else ():
-            if unit_scale(name, called, said, of) != unit_scale(name, called, unit, of):
-                got = f"{called!r} in {unit}, and {line!r}"
+    for column, unit in header:
+        quantity = next((of for of in QUANTITIES_OF_COLUMNS if is_unit_of(unit, of)), "")
+        if not quantity:
+            continue
+        for line, other in _units_said(above, quantity):
+            if unit_scale(name, column, other, quantity) != unit_scale(
+                name, column, unit, quantity
+            ):
+                got = f"{column!r} in {unit}, and {line!r}"
                 raise UserError(name, got, "one unit", "Leave the wrong one out")
 
 
-def _units_said(above: Sequence[Sequence[str]], of: str) -> Iterator[tuple[str, str]]:
-    """Lines of one cell that name a unit of a quantity, and the unit: "all heights in centimetres"."""
-    for line in (cells[0] for cells in above if len(cells) == 1):
+def _units_said(above: Sequence[Sequence[str]], quantity: str) -> Iterator[tuple[str, str]]:
+    """Yield (line, unit) of each line of one cell that names a unit of a quantity, and means the
+    quantity of the table: "all heights in centimetres", and not "dropped from a height in feet".
+    """
+    for cells in above:
+        if len(cells) != 1:
+            continue
+        line = cells[0]
         found = meanings_of(split_header(line)[0]) | meanings_of(line)
-        if _MEANT.get(of) in found and not found & _OTHER_THINGS:
-            for unit in map(plain_unit, _IN_UNIT.findall(line)):
-                if is_unit_of(unit, of):
-                    yield line, unit
+        if _MEANT.get(quantity) not in found or found & _OTHER_THINGS:
+            continue
+        for unit in map(plain_unit, _IN_UNIT.findall(line)):
+            if is_unit_of(unit, quantity):
+                yield line, unit

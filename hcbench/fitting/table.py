@@ -54,7 +54,8 @@ class Table:
     name: what errors call the file.
     header: names in lower case with their units, "" for none.
     cells: text, a row each; lines: their numbers in the file.
-    style: of the numbers. frequency: of frames or samples, Hz; None for none.
+    style: of the numbers.
+    frequency: of frames or samples, Hz; None for none.
     units: those of a quantity that lines before the table name, such as {"position": "mm"}.
     pixel: metres of one pixel, by the scale that the file states; None for none.
     """
@@ -180,7 +181,8 @@ class Table:
         """A column's numbers in SI, times of a date from the first. Raises UserError for a number
         that no measurement has.
 
-        at: number of the column. each: its numbers, in its unit.
+        at: number of the column.
+        each: its numbers, in its unit.
         """
         scale = self.scale(at, quantity)
         values = np.array(each)
@@ -231,7 +233,9 @@ def computed(name: str) -> Iterator[None]:
 def unit_scale(file: str, name: str, unit: str, quantity: str) -> float:
     """Return the size of a column's unit in SI.
 
-    file: what errors call it. name, unit: of the column. quantity: one of `units.QUANTITIES`.
+    file: what errors call it.
+    name, unit: of the column.
+    quantity: one of `units.QUANTITIES`.
     Raises UserError for a missing unit and for one that does not fit.
     """
     example = units.QUANTITIES[quantity].example.split()[-1]

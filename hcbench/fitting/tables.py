@@ -180,7 +180,8 @@ def _table(sheet: Sheet, rows: list[Row], above: list[tuple[str, ...]]) -> Table
     """The table in these rows of a sheet, below others, with the rate, the units and the scale that
     lines before it, or its header, state.
 
-    above: cells of the lines before the rows. Raises UserError, `explained`, where there is no table.
+    above: cells of the lines before the rows.
+    Raises UserError, `explained`, where there is no table.
     """
     name = sheet.name
     begin, end = _block(name, rows)
@@ -217,8 +218,9 @@ def _plain_header(
 ) -> Header:
     """A header without rates, and with the units and names that stand above the table.
 
-    name: what errors call the file. body: the rows of numbers. written: units by quantity, and under
-    "x" the name of what a column x counts.
+    name: what errors call the file.
+    body: the rows of numbers.
+    written: units by quantity, and under "x" the name of what a column x counts.
     Raises UserError for times of the clock whose last part is a number of frames.
     """
     plain = []
@@ -250,7 +252,8 @@ def _block(name: str, rows: list[Row]) -> tuple[int, int]:
     """The first row of the numbers, from 0, and the one after the last: the longest run of rows of
     numbers, and what belongs to it before and after.
 
-    Rows that sum up, such as "mean,0.8", end it. Raises UserError where no row has numbers.
+    Rows that sum up, such as "mean,0.8", end it.
+    Raises UserError where no row has numbers.
     """
     is_data = [_is_data(cells) for _, cells in rows]
     longest = 0
@@ -383,7 +386,8 @@ def _header(above: list[Row], body: list[Row], width: int) -> _HeaderFound:
 def _row_of_names(rows: Sequence[tuple[str, ...]], near: list[int], width: int) -> int | None:
     """The row that names the columns: that of the most known names, else the last that fits.
 
-    rows: cells of the rows above the numbers. near: places of those that may have names or units.
+    rows: cells of the rows above the numbers.
+    near: places of those that may have names or units.
     width: cells of the numbers. None where no row has names.
     """
     # A title has words of a header, and no units.
@@ -515,7 +519,7 @@ def _are_units(cells: Sequence[str]) -> bool:
 
 
 class _Stated(NamedTuple):
-    """What lines before a table state of all of its rows.
+    """Statements of lines before a table about all of its rows.
 
     frequency: of frames or samples, Hz; None for none.
     units: by quantity, such as {"position": "mm"}; under "x" the name of what a column x counts.

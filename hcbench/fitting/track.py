@@ -168,35 +168,48 @@ def seen_fall(times: Floats, heights: Floats) -> float:
     are smooth and bent, those with a touch are not smooth, those at rest are not bent. Frames in
     which the ball rests or that are noisy do not count, as they would in a median over all.
     """
-    bends: list[float] = []
-    weights: list[float] = []
     count = len(times)
     if count and not float(np.ptp(heights)) > 0.0:
         # A marker on the wall: rounding would bend its line.
         return 0.0
+    found = []
     for frames in _WINDOWS:
         if frames > count:
             break
         step = max(1, frames // 4, count // _MOST_WINDOWS)
         for begin in range(0, count - frames + 1, step):
-            t = times[begin : begin + frames]
-            t = t - t.mean()
-            matrix = np.vander(t / t[-1], 3)
-            fitted, *_ = np.linalg.lstsq(matrix, heights[begin : begin + frames], rcond=None)
-            off = heights[begin : begin + frames] - matrix @ fitted
-            rms = float(np.sqrt((off**2).sum() / max(frames - 3, 1)))
-            if abs(fitted[0]) > _CLEAR * rms:
-                bends.append(2.0 * float(fitted[0]) / float(t[-1]) ** 2)
-                weights.append(min(abs(float(fitted[0])) / max(rms, 1e-12), 1e3))
-    if len(bends) < _LEAST_WINDOWS:
+            window = slice(begin, begin + frames)
+            flight = _clear_flight(times[window], heights[window])
+            if flight is not None:
+                found.append(flight)
+    if len(found) < _LEAST_WINDOWS:
         return 0.0
-    order = np.argsort(bends)
-    share = np.cumsum(np.array(weights)[order])
-    middle = float(np.array(bends)[order][int(np.searchsorted(share, 0.5 * share[-1]))])
-    alike = float(np.array(weights)[np.abs(np.array(bends) / middle - 1.0) < _GROSS].sum())
-    if alike < 0.5 * share[-1]:
+    accelerations, weights = np.array(found).T
+    # Their weighted median.
+    order = np.argsort(accelerations)
+    share = np.cumsum(weights[order])
+    middle = float(accelerations[order][int(np.searchsorted(share, 0.5 * share[-1]))])
+    is_alike = np.abs(accelerations / middle - 1.0) < _GROSS
+    if float(weights[is_alike].sum()) < 0.5 * share[-1]:
         return 0.0
     return middle
+
+
+def _clear_flight(times: Floats, heights: Floats) -> tuple[float, float] | None:
+    """The acceleration of a parabola through heights, in their unit over time's squared, and its
+    weight; None where it does not bend clearly more than the heights scatter about it.
+
+    times, heights: (n,), of one window. weight: the bend over the scatter, up to 1000.
+    """
+    since_middle = times - times.mean()
+    half = float(since_middle[-1])
+    matrix = np.vander(since_middle / half, 3)
+    fitted, *_ = np.linalg.lstsq(matrix, heights, rcond=None)
+    scatter = float(np.sqrt(((heights - matrix @ fitted) ** 2).sum() / max(len(times) - 3, 1)))
+    bend = float(fitted[0])
+    if not abs(bend) > _CLEAR * scatter:
+        return None
+    return 2.0 * bend / half**2, min(abs(bend) / max(scatter, 1e-12), 1e3)
 
 
 def upright(times: Floats, heights: Floats, setup: MeasurementSetup) -> Floats:
@@ -373,9 +386,12 @@ def _extended(
     """Touches, and those after them that the heights of flights tell, of more than _LEAST_FRAMES
     frames each.
 
-    touches: one or more, s. times: s. heights: over the floor, m, at these times.
+    touches: one or more, s.
+    times: s.
+    heights: over the floor, m, at these times.
     least: height of a flight that is one, m.
-    frame: time between two frames, s. gravity: m/s².
+    frame: time between two frames, s.
+    gravity: m/s².
     """
     while True:
         # Flights shrink: the next one is shorter than the last, if there is a last one.
@@ -402,27 +418,42 @@ def scale_warnings(fit: LawFit, sets: Sequence[Dataset]) -> list[str]:
     """Warn of tracks whose flights fall with another g than the one given: a wrong scale or frame
     rate.
 
-    The residuals of each flight are a parabola then, for any law. A warning needs a difference of g
-    of 3 standard deviations and 1 %.
+    fit: to these data sets, in their order; others than tracks are passed over. A warning needs a
+    difference of g of 3 standard deviations and 1 %.
     """
     warnings = []
     for s, left, noise in zip(sets, fit.measured_off(), fit.noise, strict=True):
         if not isinstance(s, Track):
             continue
-        weights, values = [1e-300], [0.0]
-        for a, b in itertools.pairwise([-math.inf, *s.touch_times]):
-            at = (s.times > a) & (s.times < b)
-            if at.sum() < _LEAST_FRAMES:
-                continue
-            matrix = np.vander(s.times[at] - s.times[at].mean(), 3)
-            values.append(-2.0 * float(np.linalg.lstsq(matrix, left[at], rcond=None)[0][0]))
-            weights.append(1.0 / (4.0 * noise**2 * float(np.linalg.inv(matrix.T @ matrix)[0, 0])))
-        g = s.setup.ballistics.gravity
-        off = float(np.average(values, weights=weights)) / g
-        sd = 1.0 / (g * math.sqrt(sum(weights)))
+        off, sd = _off_g(s, left, noise)
         if abs(off) > max(_OFF * sd, _NEAR):
             warnings.append(
                 f"{s.name}: its flights fall with {100 * (1 + off):.1f} +- {100 * sd:.1f} % of the g given: "
                 "look at the scale and the frame rate, which count fully in α"
             )
     return warnings
+
+
+def _off_g(track: Track, left: Floats, noise: float) -> tuple[float, float]:
+    """Difference of the track's g from the one given, and its standard deviation, as shares of g.
+
+    left: residual of each height after the fit, m, (n,): over a flight a parabola where g is
+    another, whatever the law.
+    noise: of a height, m.
+    """
+    # A flight each; the first entries stand for a track without any.
+    weights = [1e-300]
+    differences = [0.0]
+    for begin, end in itertools.pairwise([-math.inf, *track.touch_times]):
+        inside = (track.times > begin) & (track.times < end)
+        if inside.sum() < _LEAST_FRAMES:
+            continue
+        matrix = np.vander(track.times[inside] - track.times[inside].mean(), 3)
+        bend = float(np.linalg.lstsq(matrix, left[inside], rcond=None)[0][0])
+        variance_of_bend = noise**2 * float(np.linalg.inv(matrix.T @ matrix)[0, 0])
+        # A height is short of its parabola by g t²/2.
+        differences.append(-2.0 * bend)
+        weights.append(1.0 / (4.0 * variance_of_bend))
+    g = track.setup.ballistics.gravity
+    off = float(np.average(differences, weights=weights)) / g
+    return off, 1.0 / (g * math.sqrt(sum(weights)))

@@ -224,7 +224,8 @@ def hunt_crossley(d: float) -> tuple[float, float]:
 def dissipation_of(log_e: float) -> float:
     """d = (3/2) α v, a pure number, at which ln e of eq. (16) is this, by Newton's method over ln d.
 
-    Odd in ln e: above 0, a gain, d is below 0. Raises OverflowError beyond a ln e of ±709.7.
+    Odd in ln e: above 0, a gain, d is below 0.
+    Raises OverflowError beyond a ln e of ±709.7.
     """
     if abs(log_e) < 1e-6:
         return -1.5 * log_e

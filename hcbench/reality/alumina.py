@@ -80,8 +80,9 @@ def outcome(
     """Errors of an engine's setting, of the ratio of tangential speeds after and before, over the
     throws of the first figure.
 
-    module: `toss` of the engine. values: of the setting's parameters. bounces: all throws. Raises
-    what the engine raises.
+    module: `toss` of the engine.
+    values: of the setting's parameters.
+    bounces: all throws. Raises what the engine raises.
     """
     later, spin = bounced(module, setting, values, body(), bounces, TIMESTEP, DURATION)
     return judged(bounces, later, spin)
@@ -91,7 +92,8 @@ def rigid(bounces: MeasuredBounces, e: float, friction: float) -> SettingErrors:
     """Errors of a rigid ball with a constant e and Coulomb's friction, in the ratio of tangential
     speeds after and before, over the throws of the first figure.
 
-    bounces: velocities at the touch, m/s, with z up, without spin. friction: μ.
+    bounces: velocities at the touch, m/s, with z up, without spin.
+    friction: μ.
     """
     # Impulses over the mass, m/s: of the normal force, and of friction, which slides, or stops the
     # slip, at 2/7 of it for a solid ball.
@@ -108,8 +110,8 @@ def judged(bounces: MeasuredBounces, later: Floats, spin: Floats) -> SettingErro
     """Errors over the throws of the first figure alone: difference of the tangential speed after
     over that before from the measured ratio.
 
-    bounces: all throws. later, spin: velocities (m/s) and spins (rad/s) after them, shape (n, 3);
-    spins count nothing.
+    bounces: all throws.
+    later, spin: velocities (m/s) and spins (rad/s) after them, shape (n, 3); spins count nothing.
     """
     n = len(TANGENTIAL)
     away = np.abs(later[:n, 0] / bounces.velocity[:n, 0] - TANGENTIAL[:, 1])

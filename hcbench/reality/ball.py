@@ -57,8 +57,8 @@ def body() -> Body:
 def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> MeasuredBounces:
     """Bounces whose place in the data, modulo PARTS, is one of `parts`; variant changes nothing.
 
-    folder: of the original repository, since the data are not shipped. Raises UserError for None,
-    and for a folder without the archive.
+    folder: of the original repository, since the data are not shipped.
+    Raises UserError for None, and for a folder without the archive.
     """
     if folder is None:
         raise UserError(
@@ -72,8 +72,9 @@ def read(path: Path) -> MeasuredBounces:
     """Read the bounces whose both sides are known, from the published archive.
 
     Speeds are in m/s and spins in rad/s. Kept are bounces with 0.3 < e < 1.2 and an uncertainty of
-    e below 0.04. Raises UserError for an archive that cannot be read, and for one without any
-    bounce that is clear.
+    e below 0.04.
+    Raises UserError for an archive that cannot be read, and for one without any bounce that is
+    clear.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(read_bytes(path))) as archive:
@@ -111,8 +112,8 @@ def _track(archive: zipfile.ZipFile, root: str, number: int) -> Floats:
     """The finite rows of a track, shape (n, 4): time, s, and place, m; none where the archive lacks
     it.
 
-    root: folder of the tracks in the archive, with a slash at the end. number: of the track, which
-    names its file. Raises what a damaged archive leads to.
+    root: folder of the tracks in the archive, with a slash at the end.
+    number: of the track, which names its file. Raises what a damaged archive leads to.
     """
     name = f"{root}{number:03d}.csv"
     if name not in archive.namelist():
@@ -140,9 +141,9 @@ def _bounce(number: float, spin: Floats, track: Floats) -> _Bounce | None:
     """The first bounce of a track, shape (n, 4) of time, s, and position,
     m; None where it is not clear.
 
-    number: of the track. spin: before the bounce, rad/s, shape (3,). Not clear: too few frames on a
-    side, no touch near the lowest frame, more than 6 mm off the fitted arcs, or slower than 0.3
-    m/s.
+    number: of the track.
+    spin: before the bounce, rad/s, shape (3,). Not clear: too few frames on a side, no touch near
+    the lowest frame, more than 6 mm off the fitted arcs, or slower than 0.3 m/s.
     """
     # So short a track has too few frames on one side of its lowest one.
     if len(track) < 20:
@@ -191,8 +192,8 @@ def _lowest_frame(height: Floats) -> int | None:
 def _touch(time: Floats, height: Floats, before: slice, later: slice) -> float | None:
     """Time at which the parabolas of both sides meet, s; None if they do not near the lowest frame.
 
-    time: s, from the lowest frame on. height: m. Both have the shape (n,); `before` and `later` are
-    the frames of either side.
+    time: s, from the lowest frame on.
+    height: m. Both have the shape (n,); `before` and `later` are the frames of either side.
     """
     difference = np.poly1d(np.polyfit(time[before], height[before], 2))
     difference -= np.poly1d(np.polyfit(time[later], height[later], 2))
@@ -250,7 +251,9 @@ def outcome(
     """Absolute errors of the normal speed after each bounce, m/s, of an engine's setting; a ball
     that does not leave has a speed of 0.
 
-    module: `toss` of the engine. values: of the setting's parameters. bounces: measured ones.
+    module: `toss` of the engine.
+    values: of the setting's parameters.
+    bounces: measured ones.
     Raises what the engine raises.
     """
     later, _ = bounced(module, setting, values, body(), bounces, TIMESTEP, DURATION)
@@ -261,8 +264,8 @@ def rigid(bounces: MeasuredBounces, e: float, friction: float) -> SettingErrors:
     """Absolute errors of the normal speed after, m/s, (n,), of a rigid ball with a constant e and
     Coulomb's friction.
 
-    bounces: n velocities, m/s, and spins, rad/s, at the touch, z up. friction: μ, which changes the
-    speeds along the table alone.
+    bounces: n velocities, m/s, and spins, rad/s, at the touch, z up.
+    friction: μ, which changes the speeds along the table alone.
     """
     # Velocity of the contact's point by the spin, m/s.
     lever = np.cross(bounces.spin, [0.0, 0.0, -RADIUS])[:, :2]

@@ -65,7 +65,8 @@ class _Tensor:
     """A tensor whose numbers may not be read yet, as the file describes it: nothing of it is
     checked before `array`.
 
-    storage: reads its numbers. offset, strides: in numbers.
+    storage: reads its numbers.
+    offset, strides: in numbers.
     """
 
     storage: Callable[[], _Numbers]
@@ -137,7 +138,8 @@ class _Unpickler(pickle.Unpickler):
         """A function that reads a storage, since its numbers follow later in the file.
 
         pid: what the file names the storage by, whose second and third parts are the kind of its
-        numbers and its key. Raises UnpicklingError for a kind of numbers that is not known.
+        numbers and its key.
+        Raises UnpicklingError for a kind of numbers that is not known.
         """
         _, kind, key, *_ = pid
         if kind not in _KINDS.values():
@@ -194,7 +196,8 @@ def _from_stream(file: io.BytesIO) -> _Tensor:
     """Read the older format: pickles one after another, then the storages.
 
     The pickle of a tensor comes before its storage, so `load` returns a function that finds the
-    storage later. Raises ValueError for a storage larger than the file.
+    storage later.
+    Raises ValueError for a storage larger than the file.
     """
     kinds: dict[str, str] = {}
     storages: dict[str, _Numbers] = {}
@@ -218,8 +221,8 @@ def _from_stream(file: io.BytesIO) -> _Tensor:
 def _unpickled(file: io.BytesIO, load: _Load) -> Any:
     """The next object of a stream of pickles, of which the file then stands at the end.
 
-    load: what stands for a storage's key and type. Raises ValueError where no tensor is written
-    like that, and what a damaged pickle leads to.
+    load: what stands for a storage's key and type.
+    Raises ValueError where no tensor is written like that, and what a damaged pickle leads to.
     """
     begin = file.tell()
     for count, (opcode, argument, _) in enumerate(pickletools.genops(file)):
@@ -288,8 +291,8 @@ def poses(folder: Path | None = None) -> Iterator[tuple[int, Floats]]:
     """(number, poses) of each toss: shape (n, 7), position in half widths and quaternion (w, x, y,
     z), as published.
 
-    folder: of the original repository; None: the shipped tosses. Raises UserError for a folder of
-    anything else, and for a file that is not of a toss.
+    folder: of the original repository; None: the shipped tosses.
+    Raises UserError for a folder of anything else, and for a file that is not of a toss.
     """
     if folder is None:
         with np.load(SHIPPED) as shipped:
@@ -318,9 +321,9 @@ def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "")
     """Tosses with number % 5 in `parts` that have a flight long enough to know their start, by
     number.
 
-    folder: of the original repository; None: the shipped tosses, without part 4. variant: the part
-    of the data that is left as published, one of VARIANTS. Raises UserError for a folder of anything else,
-    and for a file that is not of a toss.
+    folder: of the original repository; None: the shipped tosses, without part 4.
+    variant: the part of the data that is left as published, one of VARIANTS. Raises UserError for a
+    folder of anything else, and for a file that is not of a toss.
     """
     corrections = VARIANTS[variant]
     motions = []
@@ -339,7 +342,8 @@ def outcome(
     """Errors of an engine's setting on tosses of the cube: mean distances over a toss, in per cent
     of the cube's width, and angles, rad.
 
-    module: `toss` of the engine, which runs in this process. values: of the setting's parameters.
+    module: `toss` of the engine, which runs in this process.
+    values: of the setting's parameters.
     Raises what the engine raises.
     """
     return tosses.outcome(module, setting, values, TIMESTEP)
@@ -348,8 +352,9 @@ def outcome(
 def as_motion(number: int, rows: Floats, corrections: Corrections = CORRECTED) -> Motion:
     """A toss in metres and seconds, with the plate at z = 0.
 
-    number: of the toss. rows: a frame each, (n, 7): position in half widths and quaternion w first,
-    as published. corrections: of the published lengths and inertia.
+    number: of the toss.
+    rows: a frame each, (n, 7): position in half widths and quaternion w first, as published.
+    corrections: of the published lengths and inertia.
     """
     time = np.arange(len(rows), dtype=np.float64) * PERIOD
     place = rows[:, :3] * HALF_WIDTH * corrections.scale

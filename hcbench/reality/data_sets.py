@@ -38,7 +38,8 @@ Result = TypeVar("Result")
 class Cell:
     """A setting of an engine on parts of a data set.
 
-    data: name of the set, one of SETS. engine: its name.
+    data: name of the set, one of SETS.
+    engine: its name.
     setting: its key.
     values: of its parameters, in the order in which the setting has them.
     parts: numbers of the parts of the set, see its TRAINING and VALIDATION.
@@ -165,7 +166,9 @@ def run_each(
 class Source:
     """A data set's origin.
 
-    sentence: what was measured. citation: of the publication. licence: of the data.
+    sentence: what was measured.
+    citation: of the publication.
+    licence: of the data.
     repository, commit: of the original.
     path: of its file, or folder of files, in the repository.
     shipped: whether hcbench has it.
@@ -252,7 +255,8 @@ def find(name: str, data: Path | None) -> Path | None:
     """Folder of a data set's original repository: `data` itself, or a folder in it; None for
     neither, and for the set that is in no file.
 
-    name: of the set. data: the user's folder; None for none.
+    name: of the set.
+    data: the user's folder; None for none.
     """
     if data is None or name == "alumina":
         return None
@@ -281,8 +285,9 @@ def differs(name: str, folder: Path) -> bool:
     """Say whether a data set's file differs from the one that the parameters and numbers here
     belong to; False for a set of many files.
 
-    name: of the set, one of SOURCES. folder: of the original repository. Raises OSError for a file
-    that cannot be read.
+    name: of the set, one of SOURCES.
+    folder: of the original repository.
+    Raises OSError for a file that cannot be read.
     """
     source = SOURCES[name]
     if not source.sha256:
@@ -315,8 +320,8 @@ def committed() -> Parameters:
 def values_of(parameters: Parameters, data: str, cell: Cell) -> tuple[float, ...] | None:
     """Values of the parameters of a cell's setting, in their order; None where one is not known.
 
-    parameters: set -> engine -> setting -> name -> value. data: name of the set. What the data set
-    fixes goes before them.
+    parameters: set -> engine -> setting -> name -> value.
+    data: name of the set. What the data set fixes goes before them.
     """
     searched = parameters.get(data, {}).get(cell.engine, {}).get(cell.setting, {})
     known = {**searched, **SETS[data].FIXED}
@@ -339,9 +344,11 @@ def identify(
     A mean error over a hundred tosses is rough in its parameters, as a corner may land or miss. The
     result is the minimum of a parabola fitted to the best third of all tries, not the luckiest try.
 
-    sets: names of the data sets. folders: where their data are; None for those that are shipped.
-    tick: called with (searches done, searches in all). Raises UserError for a folder that is not of
-    a set's data; what an engine raises but EngineFailed, which counts as a bad try.
+    sets: names of the data sets.
+    folders: where their data are; None for those that are shipped.
+    tick: called with (searches done, searches in all).
+    Raises UserError for a folder that is not of a set's data; what an engine raises but
+    EngineFailed, which counts as a bad try.
     """
     cells: list[Cell] = []
     for data in sets:
@@ -366,7 +373,8 @@ def _starts(data: str, folder: Path | None) -> Iterator[Cell]:
     """A cell for each start of each setting that has parameters to search, on the training part;
     the starts of one setting follow one another.
 
-    data: name of the set. folder: where its data are; None for those that are shipped.
+    data: name of the set.
+    folder: where its data are; None for those that are shipped.
     """
     module = SETS[data]
     for engine, setting in settings_of(data):

@@ -94,8 +94,8 @@ def body() -> Body:
 def cases(parts: tuple[int, ...], folder: Path | None = None, variant: str = "") -> EllipseImpacts:
     """Impacts of parts of the data, shipped or of a folder of the original repository.
 
-    parts: those with number % 5 among them. `variant` changes nothing. Raises UserError for a
-    folder without the set's file.
+    parts: those with number % 5 among them. `variant` changes nothing.
+    Raises UserError for a folder without the set's file.
     """
     if folder is None:
         with np.load(SHIPPED) as shipped:
@@ -123,7 +123,8 @@ def read(path: Path) -> Floats:
     attitude, levers and number, in the order and units of `_COLUMNS`.
 
     Without those whose contact comes down slower than 0.5 m/s, or leaves at 1.5 times its speed or
-    more. Raises UserError for a file that is not the set's.
+    more.
+    Raises UserError for a file that is not the set's.
     """
     from scipy.io import loadmat
 
@@ -170,7 +171,8 @@ def outcome(
     """Errors of an engine's setting: distance of the velocities after each impact, m/s, with the
     spin times the radius of gyration.
 
-    module: `toss` of the engine, which runs in this process. values: of the setting's parameters.
+    module: `toss` of the engine, which runs in this process.
+    values: of the setting's parameters.
     Raises what the engine raises.
     """
     # The plane of the drops is x, z of the engines' world; they turn about its y.
@@ -198,8 +200,8 @@ _INVERSE = np.diag([1.0 / MASS, 1.0 / MASS, 1.0 / INERTIA])
 def coulomb(impacts: EllipseImpacts, e: float, friction: float) -> Floats:
     """Velocities (x, z, spin) after, m/s and rad/s, shape (n, 3), by a rigid law.
 
-    e: Newton's, of the contact point along the normal. friction: Coulomb's μ; it acts in the
-    direction of the impulse that would stop the slip.
+    e: Newton's, of the contact point along the normal.
+    friction: Coulomb's μ; it acts in the direction of the impulse that would stop the slip.
     """
     normal = impacts.normal
     tangent = impacts.tangent

@@ -109,8 +109,9 @@ def cube_slopes(
 ) -> list[Slope]:
     """Slopes of e of the cube's tosses, first, and of their twins.
 
-    impacts: read from the tosses. twins: read from simulated tosses, by the name of their law;
-    that of CONSTANT_E tells what the reading makes of a constant e.
+    impacts: read from the tosses.
+    twins: read from simulated tosses, by the name of their law; that of CONSTANT_E tells what the
+    reading makes of a constant e.
     """
     of_twins = {}
     for law, each in twins.items():
@@ -155,8 +156,9 @@ def ellipse_switches(training: Any, judged: Any) -> list[Switch]:
     and without two corrections of the data: the sign of a lever (SIGN), and 12 ms of gravity in the
     speeds after (LATE).
 
-    training: `EllipseImpacts` that the law is fitted to. judged: those of which errors are given.
-    Both have the sign corrected, as `ellipse.cases` gives them.
+    training: `EllipseImpacts` that the law is fitted to.
+    judged: those of which errors are given. Both have the sign corrected, as `ellipse.cases` gives
+    them.
     """
 
     def with_corrections(drops: Any, on: tuple[str, ...]) -> Any:
@@ -261,7 +263,8 @@ def of_ellipse(training: Any, judged: Any) -> dict[str, SettingErrors]:
     """Floors of the ellipse, by name: errors of the velocities after, m/s, of the nearest rigid
     law, of one e and friction for all, and of the nearest impulse of each drop.
 
-    training: `EllipseImpacts` that the law is fitted to. judged: those of which errors are given.
+    training: `EllipseImpacts` that the law is fitted to.
+    judged: those of which errors are given.
     """
     e, friction = ellipse.fit_coulomb(training)
     law = ellipse.errors(judged, ellipse.coulomb(judged, e, friction))
@@ -273,7 +276,8 @@ def of_ball(training: Any, judged: Any) -> dict[str, SettingErrors]:
     """Floor of the ball, by name: errors of the normal speed after, m/s, of the nearest rigid law,
     of one e for all bounces.
 
-    training: `MeasuredBounces` that e is fitted to. judged: those of which errors are given.
+    training: `MeasuredBounces` that e is fitted to.
+    judged: those of which errors are given.
     """
     friction = ball.FIXED["friction"]
 

@@ -122,7 +122,8 @@ def motion(number: int, body: Body, time: Floats, position: Floats, quaternion: 
     """A measured motion that ends at rest on the ground; its last frames show the height of the
     ground.
 
-    number: which of its data set. body: that moves.
+    number: which of its data set.
+    body: that moves.
     time: s, shape (n,).
     position: of the centre, m, shape (n, 3), over any level.
     quaternion: w first, shape (n, 4).
@@ -222,8 +223,9 @@ class Tosses:
         """States of an engine's setting, from the measured starts: of each toss a row for each
         step, shape (steps, components), in the columns POSITION, QUATERNION, VELOCITY and SPIN; SI.
 
-        module: `toss` of the engine, which runs in this process. values: of the setting's
-        parameters. timestep: s. Raises what the engine raises.
+        module: `toss` of the engine, which runs in this process.
+        values: of the setting's parameters.
+        timestep: s. Raises what the engine raises.
         """
         starts = [toss.toss(timestep) for toss in self.motions]
         return module.simulate(self.body, setting, values, timestep, starts)
@@ -232,7 +234,8 @@ class Tosses:
         """The motions with poses of states, at the same times.
 
         simulated: of each motion, states at the start and after each step, shape (steps + 1,
-        components), as `at_times` reads them. timestep: s.
+        components), as `at_times` reads them.
+        timestep: s.
         """
         motions = []
         for toss, states in zip(self.motions, simulated, strict=True):
@@ -250,8 +253,9 @@ class Tosses:
         """Errors of an engine's setting: mean distances over a toss, in per cent of the body's
         width, and angles, rad; see `judged`.
 
-        module: `toss` of the engine, which runs in this process. values: of the setting's
-        parameters. timestep: s. Raises what the engine raises.
+        module: `toss` of the engine, which runs in this process.
+        values: of the setting's parameters.
+        timestep: s. Raises what the engine raises.
         """
         return self.judged(self.simulated(module, setting, values, timestep), timestep)
 
@@ -311,7 +315,8 @@ _BACK = 1.5
 class MeasuredBounces:
     """Bounces of one body, as they were measured; what was not measured after is NaN.
 
-    numbers: which of the data set, shape (n,). attitude: quaternions w first at the touch, (n, 4).
+    numbers: which of the data set, shape (n,).
+    attitude: quaternions w first at the touch, (n, 4).
     velocity, spin: before the touch, m/s and rad/s, (n, 3); velocity_after, spin_after: after it.
     """
 
@@ -351,8 +356,10 @@ def bounced(
 
     One that has not left at the end has the velocity along the plate of the last step, and none
     upwards.
-    module: `toss` of the engine, which runs in this process. values: of the setting's parameters.
-    bounces: the states at the touch to start from. timestep, duration: s.
+    module: `toss` of the engine, which runs in this process.
+    values: of the setting's parameters.
+    bounces: the states at the touch to start from.
+    timestep, duration: s.
     Raises what the engine raises.
     """
     tosses = _launches(body, bounces, timestep, duration)
@@ -362,8 +369,8 @@ def bounced(
 def _launches(body: Body, bounces: MeasuredBounces, timestep: float, duration: float) -> list[Toss]:
     """Tosses that begin a step or two before the touch, each in another phase of the step.
 
-    bounces: states at the touch, which are followed back through free flight. timestep, duration:
-    s. The same bounces have the same phases.
+    bounces: states at the touch, which are followed back through free flight.
+    timestep, duration: s. The same bounces have the same phases.
     """
     phases = np.random.default_rng(0).random(len(bounces))
     tosses = []
@@ -384,7 +391,8 @@ def _after(body: Body, simulated: Sequence[Floats], timestep: float) -> tuple[Fl
     One that has not left at the end has the velocity along the plate of
     the last step, and none upwards. Units are m/s and rad/s.
 
-    simulated: states of each body, shape (steps, components). timestep: s.
+    simulated: states of each body, shape (steps, components).
+    timestep: s.
     """
     velocities = []
     spins = []

@@ -139,7 +139,8 @@ def _of(
 ) -> list[SettingScore]:
     """Scores of engines' settings of one name in a data set; floors are left out.
 
-    data: name of the set. setting: name of the setting, in all engines that have it.
+    data: name of the set.
+    setting: name of the setting, in all engines that have it.
     cone: of friction; None for any.
     """
     chosen = []
@@ -319,9 +320,9 @@ def build_own(own: Own, folder: Path) -> None:
 def build(results: RealityResults, folder: Path) -> Path:
     """Write the study into `folder` and return its page. All of it appears, or nothing.
 
-    The same results give the same bytes. Raises OutputError where the folder cannot be written,
-    UserError where it holds a study of data sets that these results lack, or files that hcbench did
-    not write.
+    The same results give the same bytes.
+    Raises OutputError where the folder cannot be written, UserError where it holds a study of data
+    sets that these results lack, or files that hcbench did not write.
     """
     if lost := study.sets_in(folder) - set(results.request.sets):
         raise UserError(

@@ -65,8 +65,9 @@ class Own:
 def box(size: Sequence[float], mass: float, inertia: Sequence[float] = ()) -> Body:
     """Build a box from its three edges and its mass.
 
-    size: edges, m. mass: kg. inertia: three about its axes, kg m², or one for all; that of a solid
-    box where none is given.
+    size: edges, m.
+    mass: kg.
+    inertia: three about its axes, kg m², or one for all; that of a solid box where none is given.
     Raises UserError for another number of edges or moments, and unless all numbers are above 0.
     """
     if len(size) != 3:
@@ -91,8 +92,8 @@ def box(size: Sequence[float], mass: float, inertia: Sequence[float] = ()) -> Bo
 def box_of(path: Path) -> Body:
     """The first box of an MJCF file: sizes in m, mass in kg, inertia in kg m².
 
-    A box without a mass has MJCF's density. Raises UserError for a file that cannot be read, has no
-    box, or has numbers that no box has.
+    A box without a mass has MJCF's density.
+    Raises UserError for a file that cannot be read, has no box, or has numbers that no box has.
     """
     try:
         root = ElementTree.fromstring(read_text(path))
@@ -121,8 +122,8 @@ def _first_box(root: ElementTree.Element) -> tuple[ElementTree.Element, ElementT
 def read(paths: Sequence[Path], body: Body) -> Tosses:
     """A toss of each CSV file, a row for each frame.
 
-    paths: files with COLUMNS: time in s, place in m, and quaternion, w first. body: that was
-    tossed.
+    paths: files with COLUMNS: time in s, place in m, and quaternion, w first.
+    body: that was tossed.
     Raises UserError for a file that cannot be read, other columns, times that do not rise,
     quaternions that are not rotations, and fewer than five frames of flight before the first touch.
     """

@@ -56,8 +56,11 @@ class SettingScore:
     """A line of the table of scores: a mean error with its 95 % interval, error_low to error_high,
     over n tosses or bounces.
 
-    set: name of the data set. engine: NO_ENGINE for a floor. setting: its name, or that of the
-    floor. cone: of friction, where the engine has several; else "". unit: of the three errors.
+    set: name of the data set.
+    engine: NO_ENGINE for a floor.
+    setting: its name, or that of the floor.
+    cone: of friction, where the engine has several; else "".
+    unit: of the three errors.
     rotation_deg: mean angle between the attitudes, degrees, of tosses; None for other sets.
     """
 
@@ -83,8 +86,10 @@ def of_outcome(
 ) -> SettingScore:
     """The score of a setting or of a floor: its mean error with a 95 % interval.
 
-    data: name of the data set, whose unit the errors have. engine: its name, NO_ENGINE for a floor.
-    setting: name of the setting or the floor. cone: of friction, "" where there is no choice.
+    data: name of the data set, whose unit the errors have.
+    engine: its name, NO_ENGINE for a floor.
+    setting: name of the setting or the floor.
+    cone: of friction, "" where there is no choice.
     outcome: errors, one a toss or bounce.
     """
     low, high = interval(outcome.errors)
@@ -146,8 +151,10 @@ def twins(
     """A twin of each motion: the same start and frames, by an engine's setting whose law is exact,
     with the noise of the measured poses.
 
-    module: `toss` of the engine, which runs in this process. values: of the setting's parameters.
-    timestep: s. seed: of the noise: the same gives the same twins.
+    module: `toss` of the engine, which runs in this process.
+    values: of the setting's parameters.
+    timestep: s.
+    seed: of the noise: the same gives the same twins.
     """
     noise = np.random.default_rng(seed)
     tosses = [measured_motion.toss(timestep) for measured_motion in motions]
@@ -192,7 +199,8 @@ class RealityRequest:
     ) -> Cell:
         """A setting of an engine on the parts of a data set that are to be judged.
 
-        data, engine: names. values: of the setting's parameters, SI; () for none.
+        data, engine: names.
+        values: of the setting's parameters, SI; () for none.
         """
         return Cell(
             data=data,
@@ -233,8 +241,8 @@ def run(request: RealityRequest, pool: WorkerPool, tick: Tick | None = None) -> 
 
     tick: called with (cells done, cells in all), for the search and again for the runs.
 
-    Engines that are not installed are left out: without any there are only floors. Raises UserError
-    for a folder that is not of a set's data, and what an engine raises.
+    Engines that are not installed are left out: without any there are only floors.
+    Raises UserError for a folder that is not of a set's data, and what an engine raises.
     """
     parameters = committed()
     if request.identify:
@@ -292,7 +300,8 @@ def _both_parts(request: RealityRequest, data: str) -> tuple[Any, Any]:
     that are judged.
 
     data: name of the set. The parts that are judged are the request's one, or the set's validation
-    parts. Raises UserError for a folder that is not of the set's data.
+    parts.
+    Raises UserError for a folder that is not of the set's data.
     """
     module = SETS[data]
     folder = request.folders.get(data)
@@ -367,9 +376,9 @@ def _floors(
 ) -> Iterator[SettingScore]:
     """Scores of what no engine gives: the best that a law can do, and what noise alone does.
 
-    parameters: of all settings, as searched or committed. data: name of the set. Those of the cube
-    need an engine with a plug-in: there are none without. Raises UserError for a folder that is not
-    of the set's data, and what an engine raises.
+    parameters: of all settings, as searched or committed.
+    data: name of the set. Those of the cube need an engine with a plug-in: there are none without.
+    Raises UserError for a folder that is not of the set's data, and what an engine raises.
     """
     outcomes: dict[str, Any] = {}
     exact = None
@@ -404,8 +413,8 @@ def _impacts(
     every third toss, by the name of their law; of the part alone where the request names one.
 
     parameters: of all settings, which give the twins their friction.
-    There are no twins without an engine whose plug-in sets e. Raises UserError for a folder that is
-    not of the cube's data, and what the engine raises.
+    There are no twins without an engine whose plug-in sets e.
+    Raises UserError for a folder that is not of the cube's data, and what the engine raises.
     """
     parts: tuple[int, ...] = (*SETS["cube"].TRAINING, *SETS["cube"].VALIDATION)
     if request.part is not None:

@@ -129,9 +129,10 @@ def _compile(command: list[str], target: Path) -> None:
     """Compile a library, and put it at `target`, whole or not at all, and then its digest beside it:
     without that no library counts as whole.
 
-    command: the compiler's, without its output. target: in an existing folder. Raises NotCompiled
-    with what the compiler said, why it could not be run, or that what it wrote does not load;
-    OSError where the file cannot be written.
+    command: the compiler's, without its output.
+    target: in an existing folder.
+    Raises NotCompiled with what the compiler said, why it could not be run, or that what it wrote
+    does not load; OSError where the file cannot be written.
     """
     # As errors call the compiler.
     name = command[0]
@@ -219,7 +220,9 @@ def _kill_group(process: subprocess.Popen[str]) -> None:
 def _failure(name: str, said: str, folder: Path) -> NotCompiled:
     """The error for what a compiler said: its first one, as the last line often only counts them.
 
-    name: of the compiler. said: its messages. folder: where the library was to be written.
+    name: of the compiler.
+    said: its messages.
+    folder: where the library was to be written.
     """
     if os.strerror(errno.ENOSPC) in said:
         reason = f"{name} failed in {folder}: {os.strerror(errno.ENOSPC)}"

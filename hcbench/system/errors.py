@@ -36,9 +36,11 @@ class HcbenchError(Exception):
     def __init__(self, slot: str, got: str, expected: str, advice: str = "") -> None:
         """An error with the message "slot: got; expected ... . advice", in one line.
 
-        slot: the option, key or thing that is wrong. got: what came. expected: what was expected;
-        "" for a message without it. advice: what to do next, a sentence without its point; "" for
-        none. Each is kept whole as an attribute; the message is cut to LONGEST characters.
+        slot: the option, key or thing that is wrong.
+        got: what came.
+        expected: what was expected; "" for a message without it.
+        advice: what to do next, a sentence without its point; "" for none. Each is kept whole as an
+        attribute; the message is cut to LONGEST characters.
         """
         self.slot = slot
         self.got = got
@@ -129,8 +131,9 @@ def foreign_errors(slot: str, *kinds: type[Exception], advice: str = "") -> Iter
     """The one gate for errors of other packages: raised within the block, they leave it as
     EngineFailed, in one line; those of hcbench pass as they are.
 
-    slot, advice: of the error. kinds: types to catch, whose text says enough; without any, every
-    error is caught, and its type is in the message.
+    slot, advice: of the error.
+    kinds: types to catch, whose text says enough; without any, every error is caught, and its type
+    is in the message.
     """
     caught = kinds or (Exception,)
     try:

@@ -201,7 +201,8 @@ def write_text(path: Path, text: str) -> None:
 def write_bytes(path: Path, content: bytes | Iterable[bytes], slot: str = "output") -> None:
     """Write a file whole or not at all, or through a device or pipe, and through links to either.
 
-    content: or its pieces, one after the other. slot: of an error.
+    content: or its pieces, one after the other.
+    slot: of an error.
     Raises as `unwritable`: UserError for a path at which no file can be, OutputError where it
     cannot be written.
     """
@@ -299,7 +300,8 @@ def unwritable(
     """The error of hcbench for a path that could not be written: a UserError where no file can be,
     an OutputError for a full disk, a permission and anything else.
 
-    error: of the system. slot, expected, advice: of the new error.
+    error: of the system.
+    slot, expected, advice: of the new error.
     """
     if error.errno == errno.ENAMETOOLONG:
         return UserError(slot, f"{str(path)[:80]}...: {error.strerror}", "a shorter path")
@@ -444,7 +446,8 @@ def _require_ours(folder: Path, names: Iterable[str], earlier: Mapping[str, str]
     """Raise UserError where writing a file would replace one that no earlier block of
     `atomic_folder` wrote, or would go through a link out of the folder.
 
-    names: of files to write, relative to the folder. earlier: digests of what was written, by name.
+    names: of files to write, relative to the folder.
+    earlier: digests of what was written, by name.
     """
     for name in (MANIFEST, *names):
         path = folder / name

@@ -40,7 +40,8 @@ _TEXTS = {".xml", ".mjcf", ".urdf", ".sdf", ".toml", ".json", ".py", ".csv"}
 def write_output(path: Path, content: str | bytes, option: str, force: bool = False) -> None:
     """Write an output with its mark, whole or not at all, or through a device or a pipe.
 
-    option: the option that names it, such as "--page". force: replace any file.
+    option: the option that names it, such as "--page".
+    force: replace any file.
     Raises UserError where a file is in the way that the same option did not write, and for a path
     at which no file can be; OutputError where it cannot be written; ValueError for JSON that has no
     place for a mark.
@@ -116,8 +117,9 @@ def _require_output(path: Path, option: str, inputs: Iterable[Path], force: bool
     """Raise UserError for an output that is a folder or in none, that is an input, or that would
     replace a file which the option did not write; OutputError for a missing permission.
 
-    path: of the output. option: the one that names it. inputs: files and folders that exist; files
-    that their texts name in quotes are inputs, too.
+    path: of the output.
+    option: the one that names it.
+    inputs: files and folders that exist; files that their texts name in quotes are inputs, too.
     force: a file of another option may be replaced.
     """
     shown = sanitized(path)
@@ -202,7 +204,8 @@ def _named(path: Path, content: bytes) -> list[Path]:
     """Files that a text names in quotes: beside it, or in a folder that it names too, such as that
     of its meshes; those that do not exist are left out.
 
-    path: of the text. content: its bytes.
+    path: of the text.
+    content: its bytes.
     """
     names = set()
     for match in _QUOTED.findall(content):
@@ -249,7 +252,8 @@ def _marked(content: bytes, option: str) -> bytes:
     """The content with its mark: a last comment, that of a ZIP archive, a text chunk before the
     last of a PNG, or a last key in JSON, which takes no comment.
 
-    option: the one that writes it. Raises ValueError for JSON without a last object that has a key.
+    option: the one that writes it.
+    Raises ValueError for JSON without a last object that has a key.
     """
     after = _after_mark(content)
     before = content.removesuffix(after)
@@ -288,8 +292,9 @@ def _frame(content: bytes, option: str, digest: bytes) -> bytes:
     """The mark in the form that a file takes: a chunk of a PNG, the comment of a ZIP archive, a
     last key of JSON, else a line of comment.
 
-    content: of the file, marked or not, by whose beginning its form is known. option: the one that
-    writes the file. digest: of all else in it, in hexadecimal.
+    content: of the file, marked or not, by whose beginning its form is known.
+    option: the one that writes the file.
+    digest: of all else in it, in hexadecimal.
     """
     mark = _mark(option, digest)
     if content.startswith(_PNG):

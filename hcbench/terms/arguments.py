@@ -139,7 +139,8 @@ def _require_bound(
     """Raise a UserError that names the argument which a call lacks, or has too many of; return for
     a call that fits the signature.
 
-    args, kwargs: of the call. hints: types of the parameters, by name, for the words of the error.
+    args, kwargs: of the call.
+    hints: types of the parameters, by name, for the words of the error.
     """
     try:
         signature.bind(*args, **kwargs)

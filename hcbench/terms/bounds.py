@@ -76,7 +76,8 @@ def require_bounds(
     bounds; 0 is within them.
 
     slot: what to call the value in the error.
-    values: SI. quantity: a name in BOUNDS; any other has SMALLEST and LARGEST, as all have within
+    values: SI.
+    quantity: a name in BOUNDS; any other has SMALLEST and LARGEST, as all have within
     `beyond_bounds`.
     unit: SI, for the error.
     smallest: in place of the table's, also within `beyond_bounds`.
@@ -132,7 +133,8 @@ def positive(slot: str, value: float, unit: str) -> None:
 def within(slot: str, values: Floats | float, low: float, high: float, meaning: str) -> Floats:
     """The values as an array of floats; raises UserError unless low <= every value <= high.
 
-    slot: what they are called. meaning: what is expected, in words. NaN is outside.
+    slot: what they are called.
+    meaning: what is expected, in words. NaN is outside.
     """
     # The command line takes bounds from here for its help, which needs no arrays.
     import numpy as np

@@ -155,7 +155,8 @@ def read_toml(
     """The content of a TOML file of at most 16 MiB.
 
     error: its type, raised for a missing file, one that cannot be read, and one that is not TOML.
-    slot: what to call the file in it. expected: what the file should be, where it is missing.
+    slot: what to call the file in it.
+    expected: what the file should be, where it is missing.
     """
     # Imported here: it takes as long as most of what reads fields.
     import tomllib
@@ -223,8 +224,9 @@ def _place(
     """(path, innermost table, what was expected there, "" if nothing says it) of what an error of
     Pydantic is about.
 
-    table: the whole. location: keys and places in lists from it on, and Pydantic's own words for
-    types, which are passed over.
+    table: the whole.
+    location: keys and places in lists from it on, and Pydantic's own words for types, which are
+    passed over.
     """
     path = ""
     expected = ""
@@ -284,8 +286,9 @@ def read_numbers(
 ) -> dict[str, float]:
     """Options that are all numbers, as floats; those that are not given are left out.
 
-    options: by name. required, optional: names. error, slot: as of `validate`; raised for what is
-    unknown, missing, or no finite number.
+    options: by name.
+    required, optional: names.
+    error, slot: as of `validate`; raised for what is unknown, missing, or no finite number.
     """
     table = _numbers(tuple(required), tuple(optional))
     return validate(table, options, error, slot).model_dump(exclude_unset=True)

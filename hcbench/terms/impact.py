@@ -98,7 +98,10 @@ class Launch:
         """Drop a body so that it touches at `speed`, m/s, in a step's `phase`.
 
         It starts at rest, or with less than one step's gain in speed; without gravity it is
-        launched at its speed. timestep: s. gravity: into the plate, m/s². share: see `touching`.
+        launched at its speed.
+        timestep: s.
+        gravity: into the plate, m/s².
+        share: see `touching`.
         Raises QuantityError for numbers that `Launch` refuses.
         """
         return cls.touching(speed, phase, timestep, gravity, steps_most=math.inf, share=share)
@@ -210,7 +213,8 @@ class Launch:
         A height that was given is changed by up to half of the way of one step; at phase 0.5, and
         where no height was given, the distance is `clearance`.
 
-        timestep: s. gravity: into the plate, m/s².
+        timestep: s.
+        gravity: into the plate, m/s².
         """
         if self.height is None:
             return self.clearance(timestep)
@@ -220,7 +224,8 @@ class Launch:
     def touch_speed(self, timestep: float, gravity: float) -> float:
         """Approach speed at touch, m/s: sqrt(v² + 2 g clearance).
 
-        timestep: s. gravity: into the plate, m/s².
+        timestep: s.
+        gravity: into the plate, m/s².
         """
         if gravity == 0.0:
             return abs(self.speed)
@@ -231,7 +236,8 @@ class Launch:
     def flight_time(self, timestep: float, gravity: float) -> float:
         """Time from release to touch, s; infinite where the body does not arrive.
 
-        timestep: s. gravity: into the plate, m/s².
+        timestep: s.
+        gravity: into the plate, m/s².
         """
         clearance = self.clearance(timestep)
         if clearance <= 0.0:
@@ -361,7 +367,8 @@ class Impact:
     reason: why it ended so, in words; "" for one that parted.
     speed_in, speed_out: at the touch plane.
     duration: of the contact, s. penetration_max, m; force_max, N.
-    samples: steps in which the contact force acted. loop: None where it was not recorded.
+    samples: steps in which the contact force acted.
+    loop: None where it was not recorded.
     tangential: motion along the plate, of a measured impact with an oblique launch; else None.
     speed_after_force: of a user's model, in the first state that the contact force no longer acts
     in, from where joints and servos act on until the bodies part; else NaN.

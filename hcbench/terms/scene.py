@@ -60,7 +60,8 @@ class Material:
 class Scene:
     """The truth about a drop, SI, and the engine files that say the same.
 
-    name: of its folder. title: for people.
+    name: of its folder.
+    title: for people.
     form: "cup", the true concave plate; "plane", the equivalent sphere 1/(1/R1 + 1/R2) on a plane.
     mass: of the ball, kg; the plate does not move.
     ball_radius: R1, m.
@@ -247,7 +248,8 @@ def load_scene(name_or_path: str | Path, folder: Path | None = None) -> Scene:
     """The scene in a folder (or of its scene.toml), else the built-in one of that name.
 
     folder: where relative paths are looked up first, before the current one and the built-in
-    scenes. Raises SceneError where none is found, and as `read_scene`.
+    scenes.
+    Raises SceneError where none is found, and as `read_scene`.
     """
     if not isinstance(name_or_path, str | Path) or not str(name_or_path):
         raise SceneError("scene", f"{name_or_path!r}", "a scene's folder or name")
@@ -292,8 +294,9 @@ def _models(file: _File, folder: Path) -> dict[str, dict[str, Path]]:
 def _scene(file: _File, folder: Path) -> Scene:
     """The scene that a file describes; values with units become SI.
 
-    folder: of the scene, absolute, whose name the scene has. Raises SceneError for values that no
-    scene has and a missing model file, QuantityError for text that is not a stiffness.
+    folder: of the scene, absolute, whose name the scene has.
+    Raises SceneError for values that no scene has and a missing model file, QuantityError for text
+    that is not a stiffness.
     """
     ball = file.ball
     plate = file.plate
@@ -318,7 +321,8 @@ def _scene(file: _File, folder: Path) -> Scene:
 def _model(folder: Path, engine: str, role: str, name: str) -> Path:
     """Path of a model file in the folder of a scene. Raises SceneError where it is not there.
 
-    engine, role: what the file is for, for the error. name: of the file, relative to the folder.
+    engine, role: what the file is for, for the error.
+    name: of the file, relative to the folder.
     """
     path = folder / name
     _require(

@@ -34,7 +34,9 @@ class QuantityKind:
     """A kind of number.
 
     unit: SI, which a text must convert to; "" for a plain number.
-    example: for errors. below: a bound that no value reaches, SI. least: the lowest value, SI.
+    example: for errors.
+    below: a bound that no value reaches, SI.
+    least: the lowest value, SI.
     """
 
     name: str
@@ -172,7 +174,8 @@ def usual_unit(unit: str) -> str:
 def _scale(unit: str, kind: QuantityKind, slot: str, text: str, exponent: float) -> float:
     """Return the size of one `unit` in the SI unit of the kind; 1 for the unit "".
 
-    slot: what to call the quantity in an error. text: all that the user wrote, for errors.
+    slot: what to call the quantity in an error.
+    text: all that the user wrote, for errors.
     exponent: n of N/m^n.
 
     Raises QuantityError for text that is not a unit, or one of another kind.
@@ -284,7 +287,9 @@ def real_array(values: object) -> Floats:
 def without_pint(value: object, quantity: str, slot: str, exponent: float = 1.5) -> Any:
     """A quantity of Pint's as a number or an array, SI; any other value as it is.
 
-    quantity: a name in QUANTITIES. slot: what to call it in an error. exponent: n in N/m^n.
+    quantity: a name in QUANTITIES.
+    slot: what to call it in an error.
+    exponent: n in N/m^n.
 
     Raises QuantityError for a unit of another kind.
     """
@@ -366,8 +371,8 @@ def _unit_of(text: str) -> str:
 def parse_max_error(value: object) -> float:
     """Largest error of e that is allowed, from a number or its text.
 
-    Text may be in per cent: "5%" is 0.05. Raises QuantityError for anything else than a number of
-    0 ... 1.
+    Text may be in per cent: "5%" is 0.05.
+    Raises QuantityError for anything else than a number of 0 ... 1.
     """
     expected = "0 ... 1, a difference in e, such as 0.05 or 5%"
     in_percent = isinstance(value, str) and value.rstrip().endswith("%")
@@ -431,9 +436,9 @@ def parse_values(
 def _listed(text: str, kind: QuantityKind, slot: str) -> list[float]:
     """Numbers of a list or range in text, SI, not held to any bounds.
 
-    slot: what to call it in an error. Raises QuantityError for another form, a comma that may be a
-    decimal one, units at some values only, text that is not a unit of the kind, and a range's count
-    as `_expand`.
+    slot: what to call it in an error.
+    Raises QuantityError for another form, a comma that may be a decimal one, units at some values
+    only, text that is not a unit of the kind, and a range's count as `_expand`.
     """
     # Matches of _PIECE, one for each item of the list.
     pieces = []
@@ -467,8 +472,9 @@ def _expand(text: str, slot: str, value: str) -> Floats:
     """The numbers of "first", "first:last" or "first:last:count".
 
     Of a range without a count there are RANGE_COUNT, evenly from first to last, in the unit of the
-    text. slot, value: for errors, the latter all that the user wrote. Raises QuantityError for a
-    count that is not a whole number from 2 to 100 000.
+    text.
+    slot, value: for errors, the latter all that the user wrote.
+    Raises QuantityError for a count that is not a whole number from 2 to 100 000.
     """
     first, *rest = map(_fraction, text.split(":"))
     if not rest:
@@ -487,7 +493,8 @@ def _require_bounds(
 
     Bounds are those given here, the kind's `below` and `least`, and `bounds.BOUNDS`.
 
-    numbers: one or more. value: what the user gave, and slot: what to call it, for the message.
+    numbers: one or more.
+    value: what the user gave, and slot: what to call it, for the message.
     least, above: the lowest number that may be, and one that all must exceed.
     """
     if not np.isfinite(numbers).all():
@@ -516,8 +523,9 @@ def parse_spin(value: object, slot: str = "spin") -> tuple[float, float, float]:
     """Angular velocity, rad/s, about the directions of `Launch`: along, across and the normal.
 
     value: three numbers, or one about that across, with which the body rolls on; as numbers or as
-    text with a unit. slot: what to call it in an error. Raises QuantityError as `parse_values`, and
-    for any other count.
+    text with a unit.
+    slot: what to call it in an error.
+    Raises QuantityError as `parse_values`, and for any other count.
     """
     spin = parse_values(value, "spin", slot).tolist()
     if len(spin) not in (1, 3):

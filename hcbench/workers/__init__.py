@@ -89,7 +89,8 @@ def begin(module: str, function: str, *args: Any) -> None:
     It is for work that takes a worker a while, such as the import of an engine, while this process
     goes on. Nothing is waited for; what the function raises is dropped.
 
-    module, function: their names. args: of the function; they have to be picklable.
+    module, function: their names.
+    args: of the function; they have to be picklable.
     """
     if not in_worker():
         worker_of_thread().begin(module, function, *args)

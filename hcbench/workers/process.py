@@ -158,8 +158,8 @@ class Worker:
         """Start the process, unless there is one, and let it call a function of a module first.
 
         In a command it is a copy of this one, which imports nothing again, where the system can.
-        Nothing is waited for, and what the function raises is dropped. Raises EngineMissing where
-        the environment of the interpreter is gone.
+        Nothing is waited for, and what the function raises is dropped.
+        Raises EngineMissing where the environment of the interpreter is gone.
         """
         with self._lock:
             if self._process is None and not self._closed:
@@ -168,8 +168,8 @@ class Worker:
     def _start(self, first: FirstCall | None = None) -> None:
         """Start a process in place of the one before, as a copy of this one where that is safe.
 
-        first: called in it before anything else. Raises CannotRun where
-        the worker was closed, EngineMissing as `_spawn`.
+        first: called in it before anything else.
+        Raises CannotRun where the worker was closed, EngineMissing as `_spawn`.
         """
         self._kill()
         self._pipe, end = Pipe()
@@ -185,7 +185,8 @@ class Worker:
     def _spawn(self, end: Connection, first: FirstCall | None) -> subprocess.Popen[bytes]:
         """A fresh interpreter that serves one end of a pipe.
 
-        first: called in it before any request. Raises EngineMissing where its environment is gone.
+        first: called in it before any request.
+        Raises EngineMissing where its environment is gone.
         """
         path = [str(entry) for entry in sys.path]
         setup = f"import sys; sys.path[:] = {path!r}"
@@ -215,9 +216,10 @@ class Worker:
         """Append what the worker sends to `results`, until it says that the call has ended; return
         the error that the function raised, None for none.
 
-        limit: s of the worker's processor time between two answers, None for any. longest: s of the
-        clock, likewise. Raises TimeoutError where an answer takes longer; EOFError or OSError where
-        the process has ended.
+        limit: s of the worker's processor time between two answers, None for any.
+        longest: s of the clock, likewise.
+        Raises TimeoutError where an answer takes longer; EOFError or OSError where the process has
+        ended.
         """
         while self._answers(limit, longest):
             answer = self._pipe.recv()

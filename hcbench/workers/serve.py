@@ -190,9 +190,10 @@ def serve(handle: int, environment: str = "", first: FirstCall | None = None) ->
     A request is a pickled (folder, function, arguments). The answer is each value that the function
     yields, then a `CallEnd` with what it raised; the first `CallEnd` says that the process is up.
 
-    handle: descriptor of the pipe's end. environment: name of its Interpreter, "" for the user's.
-    first: a module, a function of it and arguments, called before any
-    request; what it raises is dropped.
+    handle: descriptor of the pipe's end.
+    environment: name of its Interpreter, "" for the user's.
+    first: a module, a function of it and arguments, called before any request; what it raises is
+    dropped.
     """
     mark_as_worker(environment)
     # The class of a pipe's end differs between systems.
