@@ -19,6 +19,7 @@ import pandas as pd
 import pytest
 from dask_processes import WORKER, kill, running, scheduler
 from in_place import in_place
+from long_searches import long_study
 from small_sweeps import until, whole
 
 import hcbench as hb
@@ -333,6 +334,7 @@ def test_a_full_disk_is_one_line_and_loses_nothing(
     assert whole(tmp_path) == whole(undisturbed)
 
 
+@long_study  # tests/benchmark/test_sweep_cluster.py loses one in a sweep of engines
 def test_a_lost_worker_leaves_the_same_bytes(
     model: Path, tmp_path: Path, undisturbed: Path
 ) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from covering import every_pair
 
 import hcbench as hb
 from hcbench import cli
@@ -57,26 +58,31 @@ def spelled(path: str) -> str:
     return f"sub/../{path}"
 
 
-@pytest.mark.parametrize("name", [same, linked, hard_linked, spelled])
-@pytest.mark.parametrize("force", [[], ["--force"]])
+INTO_AN_INPUT = [
+    (["fit", "h.csv"], "--page", "h.csv"),
+    (["fit", "h.csv"], "--write-points", "h.csv"),
+    (["measure", *LAUNCH], "--page", "good.xml"),
+    (HELD, "--junit", "good.xml"),
+    (HELD, "--markdown", "good.xml"),
+    (HELD, "--png", "good.xml"),
+    (HELD, "--write-baseline", "good.xml"),
+    (["tune", "good.xml", "--pair=ball,plate", "--alpha=0.3"], "--write-model", "good.xml"),
+    (["tune", "mujoco", "--points=h.csv", "--timestep=1e-3"], "--write-scene", "h.csv"),
+]
+
+
 @pytest.mark.parametrize(
-    ("arguments", "option", "file"),
-    [
-        (["fit", "h.csv"], "--page", "h.csv"),
-        (["fit", "h.csv"], "--write-points", "h.csv"),
-        (["measure", *LAUNCH], "--page", "good.xml"),
-        (HELD, "--junit", "good.xml"),
-        (HELD, "--markdown", "good.xml"),
-        (HELD, "--png", "good.xml"),
-        (HELD, "--write-baseline", "good.xml"),
-        (["tune", "good.xml", "--pair=ball,plate", "--alpha=0.3"], "--write-model", "good.xml"),
-        (["tune", "mujoco", "--points=h.csv", "--timestep=1e-3"], "--write-scene", "h.csv"),
-    ],
+    ("asked", "name", "force"),
+    every_pair(INTO_AN_INPUT, [same, linked, hard_linked, spelled], [[], ["--force"]]),
 )
 def test_an_input_is_never_an_output(
-    folder: Path, capsys: pytest.CaptureFixture[str], name: Callable[[str], str], force: list[str],
-    arguments: list[str], option: str, file: str,
-) -> None:  # fmt: skip
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    asked: tuple[list[str], str, str],
+    name: Callable[[str], str],
+    force: list[str],
+) -> None:
+    arguments, option, file = asked
     before = Path(file).read_bytes()
     assert cli.run([*arguments, option, name(file), *force]) == 2
     assert f"{option}: " in (told := capsys.readouterr().err)

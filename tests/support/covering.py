@@ -7,6 +7,7 @@ from itertools import combinations, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from long_searches import LONG
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -51,3 +52,20 @@ def fewest(rows: Sequence[Row], factors: Factors, allowed: Callable[[Row], bool]
         for a, b in product(factors[one], factors[two])
         if allowed({one: a, two: b})
     )
+
+
+def every_pair(*factors: Sequence[Any]) -> list[tuple[Any, ...]]:
+    """Return rows with a level of each factor, in which each two levels of two factors meet.
+
+    Cases of a test that holds for every row of their product; `make test-all` has that product. The
+    row taken is the first of those with the most pairs that have not met yet.
+    """
+    every = list(product(*(range(len(levels)) for levels in factors)))
+    rows = list(every) if LONG else list[tuple[int, ...]]()
+    places = list(combinations(range(len(factors)), 2))
+    unmet = {(i, row[i], j, row[j]) for row in every for i, j in places}
+    while unmet and not LONG:
+        most = max(every, key=lambda row: sum((i, row[i], j, row[j]) in unmet for i, j in places))
+        unmet -= {(i, most[i], j, most[j]) for i, j in places}
+        rows.append(most)
+    return [tuple(levels[k] for levels, k in zip(factors, row, strict=True)) for row in rows]

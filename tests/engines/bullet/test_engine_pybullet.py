@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pytest
+from covering import every_pair
 
 from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.engine import PybulletEngine
@@ -214,11 +215,14 @@ def test_runs_repeat_bit_by_bit_whatever_ran_between(form: Form) -> None:
     assert _same(before, simulated(form, 1e-3, stock, EVERY_PHASE[::5]))
 
 
-@pytest.mark.parametrize("gravity", [0.0, 9.8])
 @pytest.mark.parametrize(
-    "options", [{}, restitution(0.0), restitution(0.9), spring_damper(1e6, 40.0, 1e-5)]
+    ("form", "options", "gravity"),
+    every_pair(
+        FORMS,
+        [{}, restitution(0.0), restitution(0.9), spring_damper(1e6, 40.0, 1e-5)],
+        [0.0, 9.8],
+    ),
 )
-@pytest.mark.parametrize("form", FORMS)
 def test_a_batch_is_its_launches_one_by_one(
     form: Form, options: dict[str, Any], gravity: float
 ) -> None:

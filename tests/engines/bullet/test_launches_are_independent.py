@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from long_searches import long_study
 
 from hcbench.engines.pybullet.backend import BulletClient
 from hcbench.engines.pybullet.model import in_child as forked
@@ -173,6 +174,7 @@ def test_a_crash_in_a_copy_of_the_process_is_reported() -> None:
         forked.run_forked(os.abort)
 
 
+@long_study
 def test_the_scatter_over_phases_is_found_where_four_phases_miss_it() -> None:
     files = [str(DATA / "sphere_small.urdf"), str(DATA / "kuka_iiwa/model.urdf")]
     found = measure(files, speeds=[0.5, 2.0], diagnose=False, rest=False).curve

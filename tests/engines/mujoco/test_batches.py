@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 import pytest
+from covering import every_pair
 
 from hcbench.engines.mujoco import engine as mujoco_engine
 from hcbench.engines.mujoco.engine import MujocoEngine
@@ -35,11 +36,8 @@ if TYPE_CHECKING:
 MUJOCO, PYBULLET = MujocoEngine(), PybulletEngine()
 PLANE, CUP = load_scene("steel-plane"), load_scene("steel-cup")
 FORMS = pytest.mark.parametrize("form", [PLANE, CUP], ids=["plane", "cup"])
-SCENES = pytest.mark.parametrize(
-    "scene",
-    [dataclasses.replace(PLANE, gravity=9.80665), CUP],
-    ids=["plane under gravity", "cup without"],
-)
+SCENES = (dataclasses.replace(PLANE, gravity=9.80665), CUP)
+EACH_SCENE = pytest.mark.parametrize("scene", SCENES, ids=["plane under gravity", "cup without"])
 SHARES_MODELS = tuple(int(n) for n in mujoco.__version__.split(".")[:2]) >= (3, 17)
 NEEDS_SHARED_MODELS = pytest.mark.skipif(
     not SHARES_MODELS, reason="this MuJoCo has no islands with a scale of their own"
@@ -94,16 +92,15 @@ NATIVE = [
     ("stock", 1e-4),
     ("spring-damper", 2e-5),
     ("impulse", 1e-3),
-    pytest.param("staggered", 2e-5, marks=pytest.mark.adhesion),
+    *([("staggered", 2e-5)] if hasattr(mujoco.MjModel, "pair_adhesion") else []),
 ]
 
 
-@SCENES
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-@pytest.mark.parametrize(("recipe", "timestep"), NATIVE)
+@pytest.mark.parametrize(("scene", "integrator", "case"), every_pair(SCENES, INTEGRATORS, NATIVE))
 def test_mujoco_alone_together_in_threads_and_in_any_chunks_is_the_same(
-    scene: Scene, integrator: str, recipe: str, timestep: float, sizes: Any
+    scene: Scene, integrator: str, case: tuple[str, float], sizes: Any
 ) -> None:
+    recipe, timestep = case
     if (scene, recipe) == (CUP, "staggered"):
         pytest.skip("a tendon's limit cannot pull")
     setting = made(f"mujoco.{recipe}", scene, timestep, integrator=integrator)
@@ -132,17 +129,18 @@ def test_one_balls_end_is_not_another_s(sizes: Any) -> None:
     assert same(alone, MUJOCO.run(PLANE, setting, launches))
 
 
-@FORMS
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-@pytest.mark.parametrize(("recipe", "timestep"), [*NATIVE, ("two rows", 2e-5)])
+@pytest.mark.parametrize(
+    ("form", "integrator", "case"),
+    every_pair([PLANE, CUP], INTEGRATORS, [*NATIVE, ("two rows", 2e-5)]),
+)
 def test_a_ball_on_the_axis_bounces_on_a_slide_as_it_does_free(
     form: Scene,
     integrator: str,
-    recipe: str,
-    timestep: float,
+    case: tuple[str, float],
     monkeypatch: pytest.MonkeyPatch,
     nothing_kept: None,
 ) -> None:
+    recipe, timestep = case
     if (form, recipe) == (CUP, "staggered"):
         pytest.skip("a tendon's limit cannot pull")
     scene, launches = dataclasses.replace(form, gravity=9.80665), at_random(4)
@@ -320,12 +318,11 @@ BULLET = [
 
 
 @pytest.mark.needs_engine("pybullet")
-@SCENES
-@pytest.mark.parametrize("maximal", [False, True], ids=["multibody", "maximal"])
-@pytest.mark.parametrize(("recipe", "timestep"), BULLET)
+@pytest.mark.parametrize(("scene", "maximal", "case"), every_pair(SCENES, [False, True], BULLET))
 def test_pybullet_alone_and_together_is_the_same(
-    scene: Scene, maximal: bool, recipe: str, timestep: float
+    scene: Scene, maximal: bool, case: tuple[str, float]
 ) -> None:
+    recipe, timestep = case
     setting = made(f"pybullet.{recipe}", scene, timestep, maximal_coordinates=maximal)
     launches = at_random(6)
     alone = [PYBULLET.run(scene, setting, [launch])[0] for launch in launches]
@@ -334,7 +331,7 @@ def test_pybullet_alone_and_together_is_the_same(
 
 
 @pytest.mark.needs_engine("pybullet")
-@SCENES
+@EACH_SCENE
 def test_positions_worked_out_are_the_ones_that_bullet_has(scene: Scene) -> None:
     for recipe, timestep in (("spring-damper", 1e-5), ("restitution", 1e-3)):
         setting, launch = made(f"pybullet.{recipe}", scene, timestep), Launch(0.3, 0.4)
@@ -359,7 +356,7 @@ def _recorded_and_asked(scene: Scene, setting: Setting, launches: Sequence[Launc
 
 
 @pytest.mark.needs_engine("pybullet")
-@SCENES
+@EACH_SCENE
 @pytest.mark.parametrize(("recipe", "timestep"), [*BULLET, ("restitution-law", 1e-3)])
 def test_bullet_recorded_is_bullet_asked(scene: Scene, recipe: str, timestep: float) -> None:
     setting = made(f"pybullet.{recipe}", scene, timestep)
@@ -392,7 +389,7 @@ def _reported_and_worked_out(
 
 
 @pytest.mark.needs_engine("pybullet")
-@SCENES
+@EACH_SCENE
 @pytest.mark.parametrize(("recipe", "timestep"), [("spring-damper", 1e-5), ("restitution", 1e-3)])
 def test_momentum_tells_the_force_that_bullet_tells(
     scene: Scene, recipe: str, timestep: float

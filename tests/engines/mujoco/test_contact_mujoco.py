@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from contact_scenes import plugged
+from covering import every_pair
 from scipy.integrate import solve_ivp
 
 from hcbench.contact.mujoco import Friction, HuntCrossley, Restitution
@@ -93,9 +94,9 @@ def momentum(model: Any, data: Any) -> Any:
     return total
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-@pytest.mark.parametrize("h", [1e-5, 2e-5])
-@pytest.mark.parametrize("scene", ["plane", "cup"])
+@pytest.mark.parametrize(
+    ("integrator", "h", "scene"), every_pair(INTEGRATORS, [1e-5, 2e-5], ["plane", "cup"])
+)
 def test_force_law_bounces_as_the_law_at_every_phase(integrator: str, h: float, scene: str) -> None:
     model, ready = (
         (plane(h, integrator), RADIUS) if scene == "plane" else (cup(h, integrator), 0.0254)

@@ -14,6 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from covering import every_pair
 
 from hcbench.engines.mujoco.engine import MujocoEngine
 from hcbench.engines.mujoco.scene import scene_model
@@ -27,7 +28,7 @@ from hcbench.terms.setting import Setting
 ENGINE = MujocoEngine()
 PLANE, CUP = load_scene("steel-plane"), load_scene("steel-cup")
 FORMS = pytest.mark.parametrize("scene", [PLANE, CUP], ids=lambda s: str(s.form))
-ONE_FORCE_A_STEP = pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast"])
+ONE_FORCE_A_STEP = ("Euler", "implicit", "implicitfast")
 HAS_DISCRETE = pytest.mark.skipif(
     not hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE"),
     reason="this MuJoCo has no integrator 'discrete'",
@@ -105,9 +106,9 @@ def plain_loop(text: str, gap: float, speed: float, steps: int) -> dict[str, np.
     return dict(zip(("penetration", "rate", "force"), np.array(seen).T, strict=True))
 
 
-@FORMS
-@ONE_FORCE_A_STEP
-@pytest.mark.parametrize("gravity", [0.0, G])
+@pytest.mark.parametrize(
+    ("scene", "integrator", "gravity"), every_pair([PLANE, CUP], ONE_FORCE_A_STEP, [0.0, G])
+)
 def test_a_trajectory_is_what_a_plain_mujoco_loop_sees(
     scene: Scene, integrator: str, gravity: float
 ) -> None:
@@ -153,10 +154,10 @@ def test_the_cup_bounces_as_its_equivalent_sphere_does(integrator: str) -> None:
 # --- the settings that the field uses ---
 
 
-@FORMS
-@ONE_FORCE_A_STEP
-@pytest.mark.parametrize("timestep", [5e-4, 1e-3, 2e-3])
-@pytest.mark.parametrize("e", [0.2, 0.926, 1.0])
+@pytest.mark.parametrize(
+    ("scene", "integrator", "timestep", "e"),
+    every_pair([PLANE, CUP], ONE_FORCE_A_STEP, [5e-4, 1e-3, 2e-3], [0.2, 0.926, 1.0]),
+)
 def test_an_impulse_gives_the_restitution_asked_at_every_phase(
     scene: Scene, integrator: str, timestep: float, e: float
 ) -> None:

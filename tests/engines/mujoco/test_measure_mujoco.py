@@ -11,6 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from covering import every_pair
 
 from hcbench.engines.mujoco.model import touch_search
 from hcbench.engines.mujoco.scene.rows import SoftConstraint
@@ -79,15 +80,19 @@ def only(found: Measurement) -> Impact:
     return impact
 
 
-@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "implicit"])
-@pytest.mark.parametrize("gravity", ["0 0 0", "0 0 -9.81"])
 @pytest.mark.parametrize(
-    ("geom", "timestep"), [(SPRING, 1e-3), (IMPULSE, 2e-3), ('solref=".01 .1"', 5e-4)]
+    ("integrator", "contact", "gravity", "phase"),
+    every_pair(
+        ["Euler", "implicitfast", "implicit"],
+        [(SPRING, 1e-3), (IMPULSE, 2e-3), ('solref=".01 .1"', 5e-4)],
+        ["0 0 0", "0 0 -9.81"],
+        [0.125, 0.7],
+    ),
 )
-@pytest.mark.parametrize("phase", [0.125, 0.7])
 def test_e_is_that_of_a_loop_written_by_hand(
-    integrator: str, gravity: str, geom: str, timestep: float, phase: float
+    integrator: str, contact: tuple[str, float], gravity: str, phase: float
 ) -> None:
+    geom, timestep = contact
     option = f'integrator="{integrator}" gravity="{gravity}" timestep="{timestep}"'
     text = world(geom=geom, option=option)
     impact = only(measure(text, speeds=[0.7], phases=[phase], diagnose=False))

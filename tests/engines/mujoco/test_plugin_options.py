@@ -26,6 +26,7 @@ from contact_scenes import (
     tumbling,
     world,
 )
+from covering import every_pair
 from plugin_options import CONES, INTEGRATORS, energy_won, rows, scenes
 
 from hcbench.contact import mujoco as contact
@@ -269,9 +270,9 @@ def test_an_impact_below_1_6_g_h_has_the_e_of_the_law_or_stays_down() -> None:
 # Beside contacts that no law governs
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.5])
-@pytest.mark.parametrize("cone", CONES)
-@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize(
+    ("integrator", "cone", "friction"), every_pair(INTEGRATORS, CONES, [0.0, 0.5])
+)
 def test_native_contact_beside_an_impact_gains_no_energy(
     integrator: str, cone: str, friction: float
 ) -> None:

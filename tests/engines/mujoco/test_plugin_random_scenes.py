@@ -1,4 +1,4 @@
-"""Energy in random scenes under MuJoCo's plug-ins: 200 of a design here,
+"""Energy in random scenes under MuJoCo's plug-ins: 100 of a design here,
 2000 under `make test-plugins`.
 
 The long run writes its table into docs/reference/plugins.md; the
@@ -31,7 +31,7 @@ from random_scenes import (
 pytestmark = pytest.mark.filterwarnings("ignore::hcbench.contact.mujoco.ContactAccuracyWarning")
 
 LONG = "HCBENCH_PLUGINS" in os.environ  # make test-plugins
-COUNT, SECONDS = (2000, 0.6) if LONG else (200, 0.25)
+COUNT, SECONDS = (2000, 0.6) if LONG else (100, 0.25)
 TABLE = "random"
 
 

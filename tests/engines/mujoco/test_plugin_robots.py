@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 from contact_scenes import require_plugins_in_specs
+from covering import every_pair
 
 import hcbench
 from hcbench.checking.text import outcome_text
@@ -121,9 +122,9 @@ def landing(model: Any, height: float, tilt: float = 0.0, seconds: float = 3.0) 
     return {"deepest": deepest, "fastest": fastest, "travel": travel}
 
 
-@pytest.mark.parametrize("tilt", [0.0, 5.0])
-@pytest.mark.parametrize("law", [*LAWS, Restitution(0.3)], ids=str)
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize(
+    ("name", "law", "tilt"), every_pair(list(ROBOTS), [*LAWS, Restitution(0.3)], [0.0, 5.0])
+)
 def test_a_robot_rests_no_deeper_than_on_native_contact(name: str, law: Law, tilt: float) -> None:
     for height in (0.02, 0.1) if tilt == 0.0 else (0.05,):
         native = landing(robot(name, None), height, tilt)

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 from contact_scenes import BOX, RADIUS, Scene, add_body, add_equality, world
+from covering import every_pair
 
 from hcbench.contact.mujoco import ConstantRestitution
 
@@ -31,8 +32,7 @@ def _heights(scene: Scene, seconds: float) -> tuple[Any, Any]:
     return np.array(heights), data
 
 
-@pytest.mark.parametrize("angle", [0, 22, 45])
-@pytest.mark.parametrize(("solver", "cone"), list(product(SOLVERS, CONES)))
+@pytest.mark.parametrize(("solver", "cone", "angle"), every_pair(SOLVERS, CONES, [0, 22, 45]))
 def test_a_box_that_slides_keeps_its_height(solver: str, cone: str, angle: int) -> None:
     """Over 40 cm and more, along an edge of the pyramid and between two. The pyramid's friction is not along
     the slip, where there is a difference.
@@ -47,9 +47,9 @@ def test_a_box_that_slides_keeps_its_height(solver: str, cone: str, angle: int) 
     assert np.abs(data.qvel).max() < 1e-4
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-@pytest.mark.parametrize("condim", [4, 6])
-@pytest.mark.parametrize(("solver", "cone"), list(product(SOLVERS, CONES)))
+@pytest.mark.parametrize(
+    ("solver", "cone", "condim", "integrator"), every_pair(SOLVERS, CONES, [4, 6], INTEGRATORS)
+)
 def test_a_ball_that_spins_on_the_spot_does_not_jump(
     solver: str, cone: str, condim: int, integrator: str
 ) -> None:
