@@ -93,7 +93,7 @@ _MOST_LINES = 100_000
 _MOST_CHARACTERS = 400
 
 
-class _Line(NamedTuple):
+class _TextLine(NamedTuple):
     """A line that is not empty: its number in the text, from 1, and its words and numbers."""
 
     number: int
@@ -157,7 +157,7 @@ def rows_in_text(text: str) -> tuple[Row, ...]:
     return (*found.before, (found.rows[0][0], found.names), *found.rows)
 
 
-def _lines(text: str) -> list[_Line]:
+def _lines(text: str) -> list[_TextLine]:
     """The lines of a text that are not empty, without days; each tag of XML is a line."""
     is_markup = text.lstrip().startswith("<")
     if is_markup:
@@ -171,11 +171,11 @@ def _lines(text: str) -> list[_Line]:
         for part in map(str.strip, parts):
             if part:
                 without_days = _DAY.sub("", _DAY_AFTER.sub(r"\1", part))
-                found.append(_Line(number, _ABOUT_NUMBERS.sub("", without_days)))
+                found.append(_TextLine(number, _ABOUT_NUMBERS.sub("", without_days)))
     return found
 
 
-def _without_speakers(lines: list[_Line]) -> list[_Line]:
+def _without_speakers(lines: list[_TextLine]) -> list[_TextLine]:
     """The lines of a chat without the writers of messages that count on: of "first bounce 62 cm" by one
     and "second bounce 40 cm" by the other.
 
@@ -204,11 +204,11 @@ def _without_speakers(lines: list[_Line]) -> list[_Line]:
         if len(speakers) > 1 and len(changing) == len(messages) >= _LEAST:
             for at in messages:
                 without = _SPEAKER.sub(r"\g<clock>\g<said>", lines[at].text)
-                plain[at] = _Line(lines[at].number, without)
+                plain[at] = _TextLine(lines[at].number, without)
     return plain
 
 
-def _of_records(lines: Sequence[_Line]) -> _Columns:
+def _of_records(lines: Sequence[_TextLine]) -> _Columns:
     """Columns of records of one or more lines each, which begin with lines that are alike.
 
     Of several ways to part the lines into records, that with the most known columns counts, then that
@@ -235,7 +235,7 @@ def _of_records(lines: Sequence[_Line]) -> _Columns:
 _Form = tuple[tuple[str, ...], ...]
 
 
-def _alike(lines: Sequence[_Line]) -> dict[_Form, list[int]]:
+def _alike(lines: Sequence[_TextLine]) -> dict[_Form, list[int]]:
     """Places of the lines that are alike, by their form, () for lines without numbers.
 
     Lines are alike in the last word before each number, in all that the text repeats, and in the unit.
@@ -252,7 +252,7 @@ def _alike(lines: Sequence[_Line]) -> dict[_Form, list[int]]:
     return found
 
 
-def _leaves_out_bounces(lines: Sequence[_Line], found: _Columns) -> bool:
+def _leaves_out_bounces(lines: Sequence[_TextLine], found: _Columns) -> bool:
     """Say whether a line above records of one line each tells of a bounce in another way, with a height
     or a time as they have.
     """
@@ -267,7 +267,7 @@ def _leaves_out_bounces(lines: Sequence[_Line], found: _Columns) -> bool:
     )
 
 
-def _of_labels(lines: Sequence[_Line]) -> _Columns:
+def _of_labels(lines: Sequence[_TextLine]) -> _Columns:
     """The begins of labels of Audacity whose words are those of touches, among others.
 
     Empty where a line is not a label, and where the words of touches are not those of one kind.
@@ -290,7 +290,7 @@ def _letters(text: str) -> list[str]:
 
 
 def _records(
-    lines: Sequence[_Line], named: dict[int, list[_NamedNumber]], starts: Sequence[int]
+    lines: Sequence[_TextLine], named: dict[int, list[_NamedNumber]], starts: Sequence[int]
 ) -> _Columns:
     """Columns of records that begin at these lines: those with a name that all of them have.
 

@@ -122,14 +122,16 @@ def read_recording(
     return best
 
 
-class _Part(NamedTuple):
+class _RecordingPart(NamedTuple):
     """A part of a recording; the last one has what is left."""
 
     recording: Recording
     is_last: bool
 
 
-def _parts_of(source: _Wav | _Compressed, name: str, first: int, last: float) -> Iterator[_Part]:
+def _parts_of(
+    source: _Wav | _Compressed, name: str, first: int, last: float
+) -> Iterator[_RecordingPart]:
     """Yield a recording in parts of 20 s that overlap by 8 s, and what is left, up to 24 s.
 
     first, last: samples, of which the last may be infinite.
@@ -147,14 +149,14 @@ def _parts_of(source: _Wav | _Compressed, name: str, first: int, last: float) ->
         if not np.isfinite(block).all():
             raise UserError(name, "samples that are not finite", "a recording")
         if window.shape[1] > _WHOLE * source.rate:
-            yield _Part(_one_channel(source, name, window[:, :kept], at), is_last=False)
+            yield _RecordingPart(_one_channel(source, name, window[:, :kept], at), is_last=False)
             window = window[:, gone:].copy()
             at += gone
     is_alone = at == first
     if is_alone and (not window.size or window.shape[1] < 0.2 * source.rate):
         got = f"{window.shape[-1] / source.rate:.2g} s of sound"
         raise UserError(name, got, "a recording of several bounces")
-    yield _Part(_one_channel(source, name, window, at), is_last=True)
+    yield _RecordingPart(_one_channel(source, name, window, at), is_last=True)
 
 
 def _one_channel(source: _Wav | _Compressed, name: str, sound: Floats, at: int) -> Recording:
