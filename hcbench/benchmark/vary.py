@@ -40,7 +40,9 @@ class VariedParameter:
     is_log: bool = False
 
     def drawn(self, random: np.random.Generator, count: int) -> Floats:
-        """Values drawn at random, shape (count,)."""
+        """Values drawn at random, shape (count,); from a generator of one seed a longer draw begins
+        with the shorter one, so that a sweep can be continued.
+        """
         if not self.is_band:
             return random.choice(self.values, count)
         low, high = self.values

@@ -16,6 +16,7 @@ from hcbench.catalogue.find import is_material_file
 from hcbench.checking.outcome import Outcome, Report, Verdict
 from hcbench.checking.spec import Check, CheckSpec, SharedSpec, plan
 from hcbench.measuring.curve import CurvePoint
+from hcbench.measuring.request import is_python
 from hcbench.measuring.text import all_cause_lines, as_record
 from hcbench.sim.packages import named_folders
 from hcbench.system.errors import UserError
@@ -306,10 +307,13 @@ def _complete(
     for name in SharedSpec.model_fields.keys() - entry.model_fields_set:
         update[name] = getattr(table, name)
     # Paths, which start at the folder; a name of a material is none.
-    for name in ("points", "baseline", "trajectory"):
-        path = getattr(entry, name)
+    for name in ("points", "baseline", "trajectory", "state"):
+        path = update.get(name, getattr(entry, name))
         if path:
             update[name] = folder / path
+    controller = update.get("controller", entry.options["controller"])
+    if is_python(controller):
+        update["controller"] = str(folder / controller)
     if is_material_file(entry.options["material"]):
         update["material"] = folder / str(entry.options["material"])
     package = entry.launch["package"] or table.launch["package"]

@@ -391,8 +391,9 @@ def advised(view: View) -> list[str]:
         if error_ratio(view, run) > 1 + tie(view):
             wrong[run.engine] = wording.engine_title(run.engine)
     if wrong:
-        titles = wording.listed(list(wrong.values()), "nor")
-        sentences.append(f"With nothing set {titles} does not bounce like the law.")
+        titles = wording.listed(list(wrong.values()))
+        do = "does" if len(wrong) == 1 else "do"
+        sentences.append(f"With nothing set {titles} {do} not bounce like the law.")
     runs_at: dict[tuple[str, float], list[RunKey]] = {}
     for run in view.band_runs:
         if run.setting != STOCK:

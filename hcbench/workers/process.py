@@ -168,8 +168,10 @@ class Worker:
     def _start(self, first: FirstCall | None = None) -> None:
         """Start a process in place of the one before, as a copy of this one where that is safe.
 
+        Called with `_lock` held.
         first: called in it before anything else.
-        Raises CannotRun where the worker was closed, EngineMissing as `_spawn`.
+        Raises CannotRun where the worker was closed meanwhile: `close` waits for the lock, and then
+        ends the process. Raises EngineMissing as `_spawn`.
         """
         self._kill()
         self._pipe, end = Pipe()
@@ -178,7 +180,8 @@ class Worker:
                 self._process = Fork(partial(serve_forked, end, first))
             else:
                 self._process = self._spawn(end, first)
-        # Another thread has closed it meanwhile.
+        # Another thread has closed it meanwhile. This comes last: `close` looks at `_process`, and
+        # one that is set after it looked would live on.
         if self._closed:
             raise CannotRun("worker", "is no longer needed", "")
 

@@ -106,6 +106,24 @@ def test_a_table_with_a_mistake_names_it(tmp_path: Path, text: str, words: str) 
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("place", ["entry", "table"])
+def test_paths_of_a_pose_and_a_controller_start_at_the_folder_of_the_file(
+    place: str, tmp_path: Path
+) -> None:
+    (tmp_path / "pose.json").write_text('{"knee": 0.1}')
+    pose = 'state = "pose.json"\n'
+    (tmp_path / "checks.toml").write_text(
+        (pose if place == "table" else "")
+        + '[[check]]\nmodel = "m.xml"\n'
+        + (pose if place == "entry" else "")
+        + 'require = "peak < 8"\ncontroller = "walk.py:policy"\n'
+    )
+    (planned,) = checks_of(tmp_path / "checks.toml")
+    assert planned.request.pose == (("knee", (0.1,)),)
+    assert planned.drops is not None
+    assert planned.drops.controller == str(tmp_path / "walk.py:policy")
+
+
 def test_a_baseline_of_several_checks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(EXAMPLES)
     file = tmp_path / "all.json"

@@ -271,6 +271,16 @@ def test_a_bounce_as_asked_has_no_causes(geom: str) -> None:
     assert found.remedy == ""
 
 
+def test_the_override_flag_is_named_for_a_body_of_unlike_geoms() -> None:
+    twin = (
+        f'<geom name="twin" type="sphere" size=".1" pos=".3 0 0" solref="0 -400" {STIFF}/></body>'
+    )
+    planted = both(IMPULSE, option=f'{STILL} o_solref="0.02 1"', flag='<flag override="enable"/>')
+    world = planted.text().replace("</body>", twin)
+    found = measure(world, ("ball", "plate"), restitution=0.9)
+    assert "override" in [cause.code for cause in found.causes]
+
+
 def test_an_explicit_pair_is_what_counts() -> None:
     pair = f'<contact><pair geom1="plate" geom2="sphere" condim="1" {IMPULSE}/></contact>'
     found = measure(Planted(contact=pair).text(), ("ball", "plate"))

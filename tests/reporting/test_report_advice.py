@@ -193,3 +193,11 @@ def test_what_ran_on_the_flat_alone_stands_in_and_is_marked(results: Results) ->
     assert RunKey(*IMPULSE[:3], "on a flat plate") not in view.band_runs
     sentences = " ".join(ranking.advised(view)).replace(wording.NBSP, " ")
     assert "explicit law on a flat plate, step 1 µs" in sentences
+
+
+def test_several_engines_that_break_the_law_are_the_subject_of_one_sentence() -> None:
+    other = [("explicit", *run[1:]) for run in RUNS if run[1] == "stock"]
+    stock_only = View(small_results([*(run for run in RUNS if run[1] == "stock"), *other]))
+    assert ranking.advised(stock_only) == [
+        "With nothing set single and explicit do not bounce like the law."
+    ]

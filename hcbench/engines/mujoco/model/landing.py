@@ -376,10 +376,11 @@ class _Bench:
         return int(self.model.body_weldid[self.model.geom_bodyid[geom]])
 
     def _robot_first(self, geoms: Any) -> tuple[int, int, float]:
-        """(the robot's geom, the floor's, sign) of a contact of the two, by its geoms, (2,).
+        """(the robot's geom, the floor's, sign) of a contact, by its geoms, (2,), -1 for a flex.
 
         MuJoCo's normal leads from the first geom to the second: the sign is 1 where that is from
-        the floor to the robot, else -1.
+        the floor to the robot, else -1. Of a contact that is not between the two, such as of two
+        legs, the order means nothing: callers leave it out.
         """
         one, two = geoms.tolist()
         if self.over_floor.of_robot[two]:

@@ -158,7 +158,8 @@ class RowFit:
         parameters: (p, 6), half period in steps and logs of the rest. The penalties are the depth
         beyond the one that is allowed, and a large multiple of what the largest e is above 0.995
         and the target's, so that a setting that gains energy is never the best.
-        limits: errors above which any number will do, (p,).
+        limits: (p,); of a setting whose error is above its limit, any number above that limit will
+        do: C stops there, NumPy computes all.
         """
         numbers = self.numbers(parameters)
         library = _library()

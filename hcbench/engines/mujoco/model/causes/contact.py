@@ -42,10 +42,9 @@ def mixing(context: Context) -> Iterator[Suspect]:
     """
     model = context.model
     written = context.written
-    if written is None or (explicit_pairs(model, context.geoms) and not context.overridden):
-        return
     solref = context.place.contact.rows[0].solref
     solimp = context.place.contact.rows[0].solimp
+    # It replaces those of a body whose geoms differ, too.
     if context.overridden:
         flags = model.opt.enableflags & ~int(backend().mjtEnableBit.mjENBL_OVERRIDE)
         yield Suspect(
@@ -55,6 +54,8 @@ def mixing(context: Context) -> Iterator[Suspect]:
             '<option><flag override="disable"/></option>',
             partial(fixes.set_options, enableflags=flags),
         )
+        return
+    if written is None or explicit_pairs(model, context.geoms):
         return
     # (as written, in the contact) of each of the two parameters; then of those that differ.
     values = {"solref": (written.solref, solref), "solimp": (written.solimp, solimp)}
