@@ -40,7 +40,7 @@ report: $(REPORTING)  ## regenerate the default report into reports/steel-1lb/, 
 	  1) echo "Not the same bytes as in the repository:"; git diff -U0 HEAD -- $(DIGESTS) | sed -n 's/^+  "\(.*\)": .*/  \1/p';; \
 	esac
 
-test: check  ## lint, types, then every test
+test: check  ## lint, types, then every test but the long ones
 	$(BIN)/python -m pytest -n $(TESTERS) $(BY_FILE)
 
 test-all: $(INSTALLED)  ## every test that this environment can run, the long ones too

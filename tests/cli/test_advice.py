@@ -62,6 +62,7 @@ def printed_next(out: str) -> tuple[str, str]:
     return " ".join(f"next{title}:".split()), " ".join(line.replace("\\\n", " ").split())
 
 
+@pytest.mark.usefixtures("tuned_once")
 def test_the_next_line_of_tune_says_where_the_lines_go_and_keeps_the_pose(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -23,14 +23,21 @@ DAMPED = {"pybullet": {"stock_damping": 0.01}}  # its linearDamping of 0.04 slow
 # Published laws differ in one term of the force: one of them stands for all where no e is asked
 # for. The e of every law is that of `test_later_laws_deliver_...` below.
 ALIKE = {law.slug for law in LAWS.values()} - {"flores"}
+# It takes longer than all other settings of the small engines together. Its e at two stiffnesses
+# is in tests/engines/test_small_engines.py.
+SLOW = {"drake.discrete"}
 
 
 def _cases_of_this_run(cls: type[EngineConformance], test: Any) -> list[tuple[str, str]]:
-    """Recipes and scenes of a test: `make test-all` takes every published law, too."""
+    """Recipes and scenes of a test: `make test-all` takes every law and what is slow, too."""
     cases: list[tuple[str, str]] = EngineConformance._cases.__func__(cls, test)  # type: ignore[attr-defined]
     if LONG:
         return cases
-    return [(name, scene) for name, scene in cases if name.partition(".")[2] not in ALIKE]
+    return [
+        (name, scene)
+        for name, scene in cases
+        if name.partition(".")[2] not in ALIKE and name not in SLOW
+    ]
 
 
 WITH_RECIPES = [name for name in registry.names() if registry.recipes(name)]

@@ -132,6 +132,8 @@ def test_each_text_for_pybullet_does_in_a_script_of_other_names_what_it_promises
     """Bullet's own restitution reverses the speed at the start of a step: e is of that."""
     answer = asked("pybullet", speeds="0.1:2 m/s")
     assert [choice.kind for choice in answer.choices] == ["exact", "constant"]
+    assert answer.target.friction == 0.25
+    assert not any("lateralFriction" in choice.text for choice in answer.choices), "none was asked"
     given = [(choice.text, launches(choice)) for choice in answer.choices]
     command = [sys.executable, "-c", PLAIN_BULLET, repr(STEP)]
     done = subprocess.run(

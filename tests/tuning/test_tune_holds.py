@@ -126,6 +126,7 @@ def test_no_choice_hangs_on_the_time_that_a_step_took() -> None:
     assert not list(slower.worse_than(before))
 
 
+@pytest.mark.usefixtures("tuned_once")
 def test_what_gains_nothing_is_not_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

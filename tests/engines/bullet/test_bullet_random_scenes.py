@@ -1,4 +1,4 @@
-"""Energy in random scenes under PyBullet's plug-in: 60 of a design here,
+"""Energy in random scenes under PyBullet's plug-in: 30 of a design here,
 2000 under `make test-plugins`.
 
 The long run writes its table into docs/reference/plugins.md; the
@@ -22,7 +22,7 @@ from gain_tables import Gains, on_the_page
 from hcbench.contact import pybullet as contact
 
 LONG = "HCBENCH_PLUGINS" in os.environ  # make test-plugins
-COUNT, SECONDS = 2000 if LONG else 60, 0.6
+COUNT, SECONDS = 2000 if LONG else 30, 0.6
 TABLE = "random in PyBullet"
 NAMED = (  # what the plug-in says of a body, and to do
     r"body \d+ turns by [\d.e+]+ rad in a step of [\d.e-]+ s, too far for Bullet's joints and"
