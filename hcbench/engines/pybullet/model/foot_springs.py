@@ -55,7 +55,7 @@ _FASTER = 10.0
 _MORE_DAMPED = {False: 3.7, True: 12.0}
 # Contacts that have the rebound and are dropped whole, and of those that come nearest, at most.
 _MET = 8
-_NEAREST = 40
+_NEAREST = 24
 # The whole test, in the order that finds the most contacts that land worse in the least time.
 _ORDER = (LASTING[0], *(drop for drop in DROPS if drop not in LASTING), *LASTING[1:])
 # A stiffness, N/m, that Bullet gives bodies without a spring: beside it the other's holds alone.
