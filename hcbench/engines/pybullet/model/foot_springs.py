@@ -145,8 +145,10 @@ class LinkSearch(ReboundSearch[FootSpring]):
         return True
 
     def meets_at_many_phases(self, bench: WorldDropBench) -> bool:
-        """Say whether the rebound is the target at places in a step that the search did not see."""
-        return bench.test(self.before.seconds, MANY_REBOUNDS).meets(self.target)
+        """Say whether the rebound is the target at places in a step that the search did not see, in
+        short drops.
+        """
+        return bench.test(self._short, MANY_REBOUNDS).meets(self.target)
 
     def lands_no_worse(self, bench: WorldDropBench) -> bool:
         """Say whether no drop of the whole test is worse than that of the model."""
