@@ -2,11 +2,15 @@
 
 import contextlib
 import functools
+import importlib
+import os
+import sys
 from collections.abc import Iterable, Iterator
 from typing import Any
 
 from hcbench.sim.backend import Backend
 from hcbench.system.errors import EngineFailed, EngineMissing, foreign_errors
+from hcbench.system.process import IS_COMMAND
 from hcbench.workers import in_worker
 
 BACKEND = Backend("mujoco", "mujoco", "3.3", "4.0", "pip install mujoco", instead="mujoco-core")
@@ -18,14 +22,19 @@ _FEATURES = {
     "contact sensors": ("mjtSensor", "mjSENS_CONTACT", "3.3.5"),
     "integrator 'discrete'": ("mjtIntegrator", "mjINT_DISCRETE", "3.13"),
 }
+# MuJoCo's module that loads a graphics library, in new versions and in older ones.
+_GRAPHICS = ("mujoco.rendering.classic.gl_context", "mujoco.gl_context")
 
 
 def backend() -> Any:
-    """The mujoco module, imported on the first call.
+    """The mujoco module, imported on the first call: in hcbench's own processes without graphics,
+    which come where they are used.
 
     Raises EngineMissing, and EngineFailed where it is there but does not load.
     """
     try:
+        if "mujoco" not in sys.modules and (IS_COMMAND.get() or in_worker()):
+            _import_without_graphics()
         import mujoco
         import mujoco.rollout
     except ImportError as error:
@@ -36,6 +45,37 @@ def backend() -> Any:
     except Exception as error:
         raise EngineFailed("engine 'mujoco'", f"cannot be imported: {error}", "") from error
     return mujoco
+
+
+def _import_without_graphics() -> None:
+    """Import MuJoCo, and let it load its graphics library when its GLContext is first asked for.
+
+    GLFW starts a Python of its own to read its version, which takes an eighth of the import. A model
+    that a user's Python makes may draw: it finds all that it would find.
+    """
+    given = os.environ.get("MUJOCO_GL")
+    os.environ["MUJOCO_GL"] = "disable"
+    try:
+        import mujoco
+    finally:
+        del os.environ["MUJOCO_GL"]
+        if given is not None:
+            os.environ["MUJOCO_GL"] = given
+    graphics = next((sys.modules[name] for name in _GRAPHICS if name in sys.modules), None)
+    # mujoco-core alone draws nothing.
+    if graphics is None:
+        return
+
+    def load(name: str) -> Any:
+        """The class GLContext; AttributeError for any other name that a module lacks."""
+        if name != "GLContext":
+            raise AttributeError(f"module 'mujoco' has no attribute {name!r}")
+        # Its code runs again, under the user's own MUJOCO_GL.
+        importlib.reload(graphics)
+        return graphics.__dict__[name]
+
+    for module in (mujoco, graphics):
+        module.__dict__["__getattr__"] = load
 
 
 def has_feature(mujoco: Any, feature: str) -> bool:

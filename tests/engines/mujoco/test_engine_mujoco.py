@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
+import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from importlib import metadata
@@ -334,6 +336,20 @@ def test_repeated_and_single_launches_give_the_same_bits(scene: Scene, integrato
     for some in (all_launches, *([launch] for launch in all_launches[::11]), all_launches[::-1]):
         for impact in ENGINE.run(scene, own, some):
             assert same_bits(impact, together[all_launches.index(impact.launch)])
+
+
+def test_a_command_loads_graphics_where_a_model_draws() -> None:
+    code = (
+        "import sys; from hcbench.system.process import IS_COMMAND; IS_COMMAND.set(True);"
+        "from hcbench.engines.mujoco.backend import backend; mujoco = backend();"
+        "print('glfw' in sys.modules, hasattr(mujoco, 'no_such'));"
+        "print(mujoco.GLContext.__name__, 'glfw' in sys.modules)"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
+    )
+    assert done.stdout.splitlines() == ["False False", "GLContext True"]
 
 
 def test_nothing_to_launch_is_nothing_back() -> None:
