@@ -1,6 +1,7 @@
 """The mujoco package: importing it, what an older version lacks, its warnings and its fatal errors."""
 
 import contextlib
+import ctypes
 import functools
 import importlib
 import os
@@ -27,14 +28,14 @@ _GRAPHICS = ("mujoco.rendering.classic.gl_context", "mujoco.gl_context")
 
 
 def backend() -> Any:
-    """The mujoco module, imported on the first call: in hcbench's own processes without graphics,
-    which come where they are used.
+    """The mujoco module, imported on the first call; in hcbench's own processes it takes no times
+    of its steps, and loads graphics where they are used.
 
     Raises EngineMissing, and EngineFailed where it is there but does not load.
     """
     try:
-        if "mujoco" not in sys.modules and (IS_COMMAND.get() or in_worker()):
-            _import_without_graphics()
+        if IS_COMMAND.get() or in_worker():
+            _import_for_own_process()
         import mujoco
         import mujoco.rollout
     except ImportError as error:
@@ -45,6 +46,14 @@ def backend() -> Any:
     except Exception as error:
         raise EngineFailed("engine 'mujoco'", f"cannot be imported: {error}", "") from error
     return mujoco
+
+
+@functools.cache
+def _import_for_own_process() -> None:
+    """Import MuJoCo into a process of hcbench's own, without what only a user's program needs."""
+    if "mujoco" not in sys.modules:
+        _import_without_graphics()
+    _stop_clock()
 
 
 def _import_without_graphics() -> None:
@@ -76,6 +85,22 @@ def _import_without_graphics() -> None:
 
     for module in (mujoco, graphics):
         module.__dict__["__getattr__"] = load
+
+
+def _stop_clock() -> None:
+    """Let MuJoCo time no part of its steps for MjData.timer, where the system lets Python reach it:
+    to read the clock takes a quarter of a ball's step, a tenth of a robot's.
+
+    MuJoCo's Python starts this clock; programs in C have none. A user's own clock stays.
+    """
+    import mujoco
+
+    if mujoco.get_mjcb_time() is not None:
+        return
+    with contextlib.suppress(OSError, ValueError):
+        # MuJoCo's library, found as one that its Python needs.
+        library = ctypes.CDLL(mujoco._functions.__file__)
+        ctypes.c_void_p.in_dll(library, "mjcb_time").value = None
 
 
 def has_feature(mujoco: Any, feature: str) -> bool:
