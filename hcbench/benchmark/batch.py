@@ -46,6 +46,8 @@ MEASURED = (SPEED_IN, SPEED_OUT, DURATION, PENETRATION_MAX, FORCE_MAX)
 # More columns of impacts in a study with oblique launches: the angle from the normal, what
 # `AlongPlate` has, and what Coulomb's law makes of the ratio of impulses.
 OBLIQUE_COLUMNS = keys((ANGLE, *ALONG, COULOMB))
+_ALONG_COLUMNS = slice(1, 1 + len(ALONG))
+_ENERGY_LOST = len(ALONG)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,18 +132,18 @@ def oblique_columns(impacts: Impacts, scene: Scene) -> dict[str, Any]:
     What `along_plate` does not find is NaN. The ratio by Coulomb's law is 0 for an impact that was
     not measured along the plate.
     """
-    angles = []
-    seen_along_plate = []
-    coulomb = []
-    for impact in impacts:
-        angles.append(impact.launch.angle)
-        seen_along_plate.append(along_plate(impact))
+    rows = np.zeros((len(impacts), len(OBLIQUE_COLUMNS)))
+    # Most launches of most studies are straight: they do nothing along the plate but lose energy.
+    rows[:, _ENERGY_LOST] = [1.0 - e**2 for e in impacts.restitution.tolist()]
+    rows[~impacts.is_measured, _ALONG_COLUMNS] = np.nan
+    was_seen = np.array([motion is not None for motion in impacts.tangential], dtype=bool)
+    oblique = np.flatnonzero(impacts.launches.is_oblique | was_seen)
+    for i, impact in zip(oblique, impacts.take(oblique), strict=True):
         ratio = 0.0
         if impact.tangential is not None:
             ratio = coulomb_ratio(impact.tangential, scene)
-        coulomb.append(ratio)
-    columns = [np.array(angles), *np.array(seen_along_plate).T, np.array(coulomb)]
-    return dict(zip(OBLIQUE_COLUMNS, columns, strict=True))
+        rows[i] = (impact.launch.angle, *along_plate(impact), ratio)
+    return dict(zip(OBLIQUE_COLUMNS, rows.T.copy(), strict=True))
 
 
 def run_batch(batch: Batch) -> BatchResult:

@@ -232,7 +232,7 @@ def _lexicon(of_files: bool = False) -> dict[str, str]:
         if meaning in ("unit", *_OF_TEXTS) or (meaning in _OF_FILES) != of_files:
             continue
         for word in itertools.chain(*languages.values()):
-            meanings.setdefault(" ".join(_words(word)), meaning)
+            meanings.setdefault(_phrase(word), meaning)
     for word, meaning in list(meanings.items()):
         # "vysota": Russian in Latin letters, as programs' names are.
         if len(word) >= _LEAST_STEM and set(word) & set(_CYRILLIC):
@@ -246,7 +246,7 @@ def _languages() -> dict[str, frozenset[str]]:
     found: dict[str, frozenset[str]] = {}
     for meaning, languages in _table().items():
         for language, words in languages.items():
-            for word in map(" ".join, map(_words, words)):
+            for word in map(_phrase, words):
                 if _lexicon().get(word) == meaning:
                     found[word] = found.get(word, frozenset()) | {language}
     return found
@@ -323,6 +323,13 @@ def _words(name: str) -> list[str]:
 def _is_of_word(letter: str) -> bool:
     """True for letters, digits, the vowels that stand about a letter in Hindi or Thai, and signs."""
     return letter.isalnum() or letter in "#°№±" or unicodedata.category(letter)[0] == "M"
+
+
+# For the words of the list alone, each of which is looked up twice.
+@cache
+def _phrase(listed: str) -> str:
+    """A word or phrase of words.toml as `_words` parts it."""
+    return " ".join(_words(listed))
 
 
 def meanings_of(name: str) -> frozenset[str]:

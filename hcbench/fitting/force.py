@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.special import chdtri
 
 from hcbench.fitting.which_law import dissipation_of
 from hcbench.laws import closed_form
@@ -417,6 +416,8 @@ def _systematic(
     groups' means is taken out; 0 where the means show no more than noise.
     known_noise: of a reading, where it is known: then all beyond it counts.
     """
+    from scipy.special import chdtri
+
     if known_noise is not None:
         whole = float((residual**2).mean())
         if whole * len(residual) > known_noise**2 * chdtri(len(residual), _CHANCE):

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from scipy.special import ndtr
 
 from hcbench.fitting.datasets import (
     Dataset,
@@ -350,6 +349,8 @@ def _shares(log_density: Floats) -> Floats:
 
 def _quantiles(share: Floats, mean: Floats, sd: Floats) -> Floats:
     """2.5 %, 50 % and 97.5 % of a mixture of normal distributions."""
+    from scipy.special import ndtr
+
     at = np.linspace((mean - 8 * sd).min(), (mean + 8 * sd).max(), 4001)
     below = (share[:, None] * ndtr((at - mean[:, None]) / sd[:, None])).sum(axis=0)
     return np.interp(ENDS, below, at)

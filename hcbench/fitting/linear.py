@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from scipy.special import logsumexp
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -357,7 +356,26 @@ class NoiseLikelihood:
             part -= top[:, None]
             np.exp(part, out=part)
             total += top + np.log(part.sum(axis=1))
-        return np.asarray(logsumexp(total, axis=0)), total
+        return logsumexp(total, axis=0), total
+
+
+def logsumexp(log_terms: Floats, axis: int | tuple[int, ...] | None = None) -> Floats:
+    """ln of a sum, from the ln of its terms.
+
+    log_terms: of any shape. axis: along which terms are added; None: all are, to an array of no
+    dimension.
+
+    It is `scipy.special.logsumexp`, bit for bit, without the import, which takes a third of a fit.
+    """
+    largest = log_terms.max(axis=axis, keepdims=True)
+    is_largest = log_terms == largest
+    count = is_largest.sum(axis=axis, keepdims=True, dtype=float)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # Beside the largest terms, which are 1 each, small ones would lose digits.
+        others = np.exp(np.where(is_largest, -np.inf, log_terms - largest))
+        share = others.sum(axis=axis, keepdims=True) / count
+        log_sum = np.log1p(share) + np.log(count) + largest
+    return np.asarray(log_sum.squeeze(axis=axis))
 
 
 def surface(

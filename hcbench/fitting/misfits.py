@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial.legendre import Legendre
-from scipy.special import chdtri, logsumexp
 
 from hcbench.fitting.estimate import fit_law
-from hcbench.fitting.linear import coarse_grid, noise_prior, reduce, scatter_prior
+from hcbench.fitting.linear import coarse_grid, logsumexp, noise_prior, reduce, scatter_prior
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -67,7 +67,8 @@ def flagged_touches(fit: LawFit, sets: Sequence[Dataset]) -> Iterator[Flag]:
         columns = [*model.by_scatter.T, *np.eye(len(s.rows()))]
         directions = np.stack(columns, axis=1)
         gain, size = _gains(fit, i, directions)
-        limit = float(chdtri(1, _CHANCE / len(candidates)))
+        # χ² of one degree of freedom that chance alone passes so seldom.
+        limit = NormalDist().inv_cdf(0.5 * _CHANCE / len(candidates)) ** 2
         # The first reading is as well off where the first impact is: then the impact is named.
         is_impact = np.array([what == "bounced off" for _, what in candidates])
         worst = int(np.argmax(gain + _TIE * is_impact))
@@ -275,7 +276,7 @@ def smooth_change(fit: LawFit, s: Dataset) -> tuple[float, str]:
     """
     x = np.log(fit.models[0].speed)
     change = _Change(fit, s, _legendre(2.0 * (x - x.min()) / max(float(np.ptp(x)), 1e-9) - 1.0))
-    log_odds = float(logsumexp([change.log_odds(range(degree)) for degree in _DEGREES]))
+    log_odds = float(logsumexp(np.array([change.log_odds(range(degree)) for degree in _DEGREES])))
     ends = _legendre(np.array([-1.0, 0.0, 1.0])) @ change.likeliest(range(_DEGREES[-1]))
     return log_odds - math.log(len(_DEGREES)), _shape(ends)
 
@@ -332,7 +333,7 @@ class _Change:
     def log_odds(self, used: range) -> float:
         """ln of the odds of a change with these coefficients against none, over all sizes of it."""
         log_evidence = [self._evidence(used, size)[0] for size in _SIZES]
-        return float(logsumexp(log_evidence)) - math.log(len(_SIZES)) - self._alone
+        return float(logsumexp(np.array(log_evidence))) - math.log(len(_SIZES)) - self._alone
 
     def likeliest(self, used: range) -> Floats:
         """The likeliest coefficients."""

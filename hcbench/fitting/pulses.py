@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import chdtri
 
 from hcbench.fitting.recording import LEAST_RATE, FrequencyBand, bands
 from hcbench.fitting.setup import Known
@@ -161,6 +160,7 @@ def _with_width(away: Floats, rate: float, noise: float, width: int) -> Pulses |
     rate: Hz.
     """
     from scipy.ndimage import uniform_filter1d
+    from scipy.special import chdtri
 
     energy = uniform_filter1d(away**2, width, mode="nearest")
     limit = noise**2 * float(chdtri(width, _CHANCE)) / width

@@ -12,8 +12,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.io import wavfile
-from scipy.special import expit
 
 from hcbench.system.errors import UserError
 from hcbench.system.files import why_no_file
@@ -185,6 +183,8 @@ class _Wav:
         rate: samples a second. step: of a sample as it is stored, where `blocks` scales all to
         -1 ... 1; 0 for floating point. SciPy stores 24 bits in the upper bits of 32.
         """
+        from scipy.io import wavfile
+
         with _reading(path, "WAV", "a WAV recording, PCM or float"), warnings.catch_warnings():
             # SciPy warns of chunks that it does not know, such as a title.
             warnings.simplefilter("ignore")
@@ -701,6 +701,8 @@ def chance_of(train: Picks, scatter: float = 0.0) -> float:
 
     scatter: of e, as a share.
     """
+    from scipy.special import expit
+
     rough = math.log(max(scatter / _USUAL_SCATTER, 1.0))
     return float(expit(_OFFSET + _OF_SCORE * train.score + _OF_SCATTER * rough))
 

@@ -7,8 +7,6 @@ import io
 import re
 import zipfile
 from dataclasses import dataclass
-from email import message_from_bytes
-from email.policy import default
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
@@ -125,6 +123,10 @@ def _of_mail(content: bytes) -> str:
     """The text of a mail whose letters are coded as "=C3=A9"; "" for other content."""
     if not re.search(rb"(?im)^content-transfer-encoding:\s*(?:quoted-printable|base64)", content):
         return ""
+    # A tenth of the imports of a fit.
+    from email import message_from_bytes
+    from email.policy import default
+
     body = message_from_bytes(content, policy=default).get_body(("plain",))
     return body.get_content() if body is not None else ""
 

@@ -14,6 +14,7 @@ from hcbench.benchmark.results import Results
 from hcbench.benchmark.study import find_study, is_built_in, load_study, name_of
 from hcbench.system.errors import UserError
 from hcbench.system.files import atomic_folder, read_text
+from hcbench.system.process import IS_COMMAND
 from hcbench.system.text import Drawn
 from hcbench.terms.arguments import checked
 from hcbench.terms.options import Jobs
@@ -102,6 +103,19 @@ def report(
     return write_report(str(study), None if out is None else Path(out), quick, jobs, _silent, warn)
 
 
+def _skip_help_of_drawing() -> None:
+    """In a command, let matplotlib write no help for the properties of each thing that it draws: it
+    takes a third of its import, and no command shows it.
+    """
+    if not IS_COMMAND.get():
+        return
+    from matplotlib.artist import Artist
+
+    name = "_update_set_signature_and_docstring"
+    if hasattr(Artist, name):
+        setattr(Artist, name, lambda: None)
+
+
 @contextmanager
 def _silent(_: str) -> Iterator[Tick]:
     yield lambda done, total: None
@@ -140,6 +154,7 @@ def write_report(
 
             # While this process imports what draws the page.
             pool.begin("importlib", "import_module", "hcbench.benchmark.shard")
+            _skip_help_of_drawing()
             from hcbench.reporting.build import build
             from hcbench.reporting.page import PAGE
 

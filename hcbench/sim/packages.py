@@ -8,7 +8,6 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
-from xml.sax.saxutils import escape, unescape
 
 from hcbench.system.errors import SceneError, UserError
 from hcbench.system.files import is_file, is_folder, read_bytes
@@ -191,12 +190,18 @@ def folders_of(path: Path, packages: Packages) -> dict[str, Path]:
     return folders
 
 
-_QUOTES = {'"': "&quot;", "'": "&apos;"}
+_ENTITIES = {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "'": "&apos;"}
+_ESCAPES = str.maketrans(_ENTITIES)
 
 
 def _as_text(attribute: str) -> str:
-    """The name that an attribute of XML has: "a&amp;b.stl" is a&b.stl."""
-    return unescape(attribute, {entity: quote for quote, entity in _QUOTES.items()})
+    """The name that an attribute of XML has: "a&amp;b.stl" is a&b.stl.
+
+    xml.sax.saxutils would import all that can open an address.
+    """
+    for letter, entity in reversed(_ENTITIES.items()):
+        attribute = attribute.replace(entity, letter)
+    return attribute
 
 
 def with_absolute_files(path: Path, packages: Packages) -> str:
@@ -218,7 +223,7 @@ def with_absolute_files(path: Path, packages: Packages) -> str:
         written = name
         if folder is not None and is_file(folder / file):
             # The folders above may have a name such as "R&D".
-            written = escape(str((folder / file).resolve()), _QUOTES)
+            written = str((folder / file).resolve()).translate(_ESCAPES)
         return f"{match['before']}{match['quote']}{written}{match['quote']}"
 
     return _FILE.sub(absolute, read_xml(path))

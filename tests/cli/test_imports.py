@@ -19,6 +19,8 @@ SLOW = {
     "matplotlib",
     "pyarrow",
     "mujoco",
+    # What opens windows, for MuJoCo.
+    "glfw",
 }
 MODEL = "scenes/steel-plane/scene.xml"
 
@@ -41,8 +43,7 @@ print(json.dumps([code, list(sys.modules)]))
         (["law", "--alpha", "0.008 s/in", "--speeds", "8 in/s"], {"numpy"}),
         (["convert", "--alpha", "0.008 s/in"], {"numpy", "pydantic"}),
         (["engines"], {"numpy", "pydantic"}),
-        # Its header has units, which are compared with those of other kinds.
-        (["fit", "{table}"], {"numpy", "pydantic", "scipy.special"}),
+        (["fit", "{table}"], {"numpy", "pydantic"}),
         (
             ["measure", MODEL, "--pair", "ball,plate", "--alpha", "0.3 s/m"],
             {"numpy", "pydantic", "mujoco"},

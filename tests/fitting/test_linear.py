@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from scipy import special
 from scipy.stats import multivariate_normal
 
-from hcbench.fitting.linear import LinearModel, reduce
+from hcbench.fitting.linear import LinearModel, logsumexp, reduce
 
 SCATTER, NOISE = 0.03, 0.2
 
@@ -67,3 +68,18 @@ def test_own_parameters_that_are_known_before_widen_the_density(impacts: int) ->
         assert log_likelihood(made, 0.4, 0.2) - log_likelihood(made, law, noise) == pytest.approx(
             expected
         )
+
+
+@pytest.mark.parametrize("axis", [None, 0, 1, (0, 1)])
+def test_ln_of_a_sum_is_scipys(axis: int | tuple[int, ...] | None) -> None:
+    random = np.random.default_rng(0)
+    log_terms = random.normal(scale=300.0, size=(5, 7, 3))
+    log_terms[random.random(log_terms.shape) < 0.2] = -np.inf
+    # Terms that are the largest twice.
+    log_terms[2] = log_terms.max()
+    expected = special.logsumexp(log_terms, axis=axis)
+    np.testing.assert_allclose(logsumexp(log_terms, axis), expected, rtol=1e-15, atol=0.0)
+
+
+def test_ln_of_a_sum_of_terms_that_are_all_zero_is_that_of_zero() -> None:
+    assert logsumexp(np.full(4, -np.inf)) == -np.inf

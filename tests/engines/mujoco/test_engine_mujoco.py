@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
+import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from importlib import metadata
@@ -335,6 +337,42 @@ def test_repeated_and_single_launches_give_the_same_bits(scene: Scene, integrato
     for some in (all_launches, *([launch] for launch in all_launches[::11]), all_launches[::-1]):
         for impact in ENGINE.run(scene, own, some):
             assert same_bits(impact, together[all_launches.index(impact.launch)])
+
+
+def printed_by_a_command(code: str) -> list[str]:
+    """Lines printed by code that has `mujoco` as a command of hcbench imports it."""
+    begin = (
+        "import sys; from hcbench.system.process import IS_COMMAND; IS_COMMAND.set(True);"
+        "from hcbench.engines.mujoco.backend import backend; mujoco = backend();"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
+    command = [sys.executable, "-c", begin + code]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    return done.stdout.splitlines()
+
+
+def test_a_command_loads_graphics_where_a_model_draws() -> None:
+    lines = printed_by_a_command(
+        "print('glfw' in sys.modules, hasattr(mujoco, 'no_such'));"
+        "print(mujoco.GLContext.__name__, 'glfw' in sys.modules)"
+    )
+    assert lines == ["False False", "GLContext True"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="MuJoCo's clock is out of reach there")
+def test_a_command_takes_the_steps_of_a_users_program_without_its_clock() -> None:
+    ball = '<body pos="0 0 1"><freejoint/><geom size="0.1"/></body>'
+    xml = f'<mujoco><worldbody><geom type="plane" size="1 1 1"/>{ball}</worldbody></mujoco>'
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=500)
+    assert data.timer[0].duration > 0.0
+    lines = printed_by_a_command(
+        f"model = mujoco.MjModel.from_xml_string({xml!r}); data = mujoco.MjData(model);"
+        "mujoco.mj_step(model, data, nstep=500); print(data.timer[0].duration);"
+        "print([x.hex() for x in data.qpos])"
+    )
+    assert lines == ["0.0", str([place.hex() for place in data.qpos])]
 
 
 def test_nothing_to_launch_is_nothing_back() -> None:
