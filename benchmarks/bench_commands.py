@@ -266,7 +266,7 @@ def test_two_jobs_over_one(beside: Any, tmp_path: Path) -> None:
         {"one job": lambda: sweeping(1), "hcbench": lambda: sweeping(2)},
         per=120_000,
         rounds=1,
-        must="1.8",
+        must="1.9",
         aim="1.95",
     )
 

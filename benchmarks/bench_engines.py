@@ -174,7 +174,7 @@ def test_pybullet_over_a_users_loop(beside: Any) -> None:
             },
             per={"a user's loop": 80, "hcbench": 640},
             rounds=3,
-            must="4.5",
+            must="6",
             aim="8",
         )
 

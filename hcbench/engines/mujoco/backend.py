@@ -3,9 +3,6 @@
 import contextlib
 import ctypes
 import functools
-import importlib
-import os
-import sys
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -23,21 +20,20 @@ _FEATURES = {
     "contact sensors": ("mjtSensor", "mjSENS_CONTACT", "3.3.5"),
     "integrator 'discrete'": ("mjtIntegrator", "mjINT_DISCRETE", "3.13"),
 }
-# MuJoCo's module that loads a graphics library, in new versions and in older ones.
-_GRAPHICS = ("mujoco.rendering.classic.gl_context", "mujoco.gl_context")
 
 
 def backend() -> Any:
     """The mujoco module, imported on the first call; in hcbench's own processes it takes no times
-    of its steps, and loads graphics where they are used.
+    of its steps.
 
     Raises EngineMissing, and EngineFailed where it is there but does not load.
     """
     try:
-        if IS_COMMAND.get() or in_worker():
-            _import_for_own_process()
         import mujoco
         import mujoco.rollout
+
+        if IS_COMMAND.get() or in_worker():
+            _stop_clock(mujoco)
     except ImportError as error:
         raise EngineMissing(
             "engine 'mujoco'", f"cannot be imported: {error}", "", f"Try: {BACKEND.command}"
@@ -49,52 +45,13 @@ def backend() -> Any:
 
 
 @functools.cache
-def _import_for_own_process() -> None:
-    """Import MuJoCo into a process of hcbench's own, without what only a user's program needs."""
-    if "mujoco" not in sys.modules:
-        _import_without_graphics()
-    _stop_clock()
-
-
-def _import_without_graphics() -> None:
-    """Import MuJoCo, and let it load its graphics library when its GLContext is first asked for.
-
-    GLFW starts a Python of its own to read its version, which takes an eighth of the import. A model
-    that a user's Python makes may draw: it finds all that it would find.
-    """
-    given = os.environ.get("MUJOCO_GL")
-    os.environ["MUJOCO_GL"] = "disable"
-    try:
-        import mujoco
-    finally:
-        del os.environ["MUJOCO_GL"]
-        if given is not None:
-            os.environ["MUJOCO_GL"] = given
-    graphics = next((sys.modules[name] for name in _GRAPHICS if name in sys.modules), None)
-    # mujoco-core alone draws nothing.
-    if graphics is None:
-        return
-
-    def load(name: str) -> Any:
-        """The class GLContext; AttributeError for any other name that a module lacks."""
-        if name != "GLContext":
-            raise AttributeError(f"module 'mujoco' has no attribute {name!r}")
-        # Its code runs again, under the user's own MUJOCO_GL.
-        importlib.reload(graphics)
-        return graphics.__dict__[name]
-
-    for module in (mujoco, graphics):
-        module.__dict__["__getattr__"] = load
-
-
-def _stop_clock() -> None:
+def _stop_clock(mujoco: Any) -> None:
     """Let MuJoCo time no part of its steps for MjData.timer, where the system lets Python reach it:
     to read the clock takes a quarter of a ball's step, a tenth of a robot's.
 
     MuJoCo's Python starts this clock; programs in C have none. A user's own clock stays.
+    mujoco: the module.
     """
-    import mujoco
-
     if mujoco.get_mjcb_time() is not None:
         return
     with contextlib.suppress(OSError, ValueError):

@@ -351,14 +351,6 @@ def printed_by_a_command(code: str) -> list[str]:
     return done.stdout.splitlines()
 
 
-def test_a_command_loads_graphics_where_a_model_draws() -> None:
-    lines = printed_by_a_command(
-        "print('glfw' in sys.modules, hasattr(mujoco, 'no_such'));"
-        "print(mujoco.GLContext.__name__, 'glfw' in sys.modules)"
-    )
-    assert lines == ["False False", "GLContext True"]
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="MuJoCo's clock is out of reach there")
 def test_a_command_takes_the_steps_of_a_users_program_without_its_clock() -> None:
     ball = '<body pos="0 0 1"><freejoint/><geom size="0.1"/></body>'
