@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +13,7 @@ from hcbench.sim.landing import (
     DROPS,
     FALLEN,
     LATE_S,
+    MANY_REBOUNDS,
     REST_SPEED,
     SECONDS,
     SECONDS_TO_FALL,
@@ -53,19 +54,30 @@ class DropBench(ABC):
 
     def whole_test(self, like: DropTest | None, until_worse: bool = False) -> DropTest:
         """Make every drop: for as long as `like` took, to be compared with it; for None, for as long
-        as a standing robot takes to rest, or only until the touch if it falls over.
+        as a standing robot takes to rest, or only until the touch if it falls over. Then make those
+        that show how the rebound varies with where in a step the robot touches: at more places than
+        a search saw.
 
         until_worse: one drop alone where something is worse in it than in all of `like`.
         """
-        if like is not None:
-            if until_worse:
-                # The highest, tilted. Quantities are the largest of all drops: others change nothing.
-                hardest = self.test(like.seconds, self.drops[-1:])
-                if any(hardest.worse_than(like)):
-                    return hardest
-            return self.test(like.seconds, self.drops)
-        # Where a robot lies that fell over is chance: only its touch can be compared. One drop
-        # shows most robots that fall, and saves the others.
+        if like is not None and until_worse:
+            # The highest, tilted. Quantities are the largest of all drops: others change nothing.
+            hardest = self.test(like.seconds, self.drops[-1:])
+            if any(hardest.worse_than(like)):
+                return hardest
+        test = self._as_long_as_needed() if like is None else self.test(like.seconds, self.drops)
+        if test.diverged:
+            return test
+        many = self.test(min(test.seconds, SECONDS_TO_FALL), MANY_REBOUNDS)
+        if many.diverged:
+            return many
+        return replace(test, rebound=many.rebound, spread=many.spread, phases=many.phases)
+
+    def _as_long_as_needed(self) -> DropTest:
+        """Make every drop for as long as a standing robot takes to rest, or until the touch alone of
+        a robot that falls over: where it then lies is chance.
+        """
+        # One drop shows most robots that fall, and saves the others.
         if self.test(SECONDS, self.drops[-1:]).fell:
             return self.test(SECONDS_TO_FALL, self.drops)
         test = self.test(SECONDS, self.drops)

@@ -131,8 +131,12 @@ class ReboundSearch(ABC, Generic[Spring]):
 
         The drops of a contact are made when it is asked for.
         """
+        return self._in_rows(self._rows())
+
+    def _in_rows(self, rows: Iterable[Sequence[Spring]]) -> Iterator[Spring]:
+        """Yield them from rows of contacts, each of one frequency and the most damped first."""
         met = []
-        for row in self._rows():
+        for row in rows:
             met += self._meeting(row)
         met.sort(key=self._promise)
         for contact in met[:_SETTINGS_MAX]:
@@ -341,14 +345,14 @@ class ReboundSearch(ABC, Generic[Spring]):
         for drop in self.grid.first:
             if drop not in self._allowed:
                 as_it_is = self.drop(None, seconds, [drop])
-                self._allowed[drop] = _worse_of(self.before, as_it_is)
+                self._allowed[drop] = worse_of(self.before, as_it_is)
             dropped = self.drop(contact, seconds, [drop])
             if list(dropped.worse_than(self._allowed[drop], self.target)):
                 return False
         return True
 
 
-def _worse_of(one: DropTest, other: DropTest) -> DropTest:
+def worse_of(one: DropTest, other: DropTest) -> DropTest:
     """The first of two tests, with the larger value of both in each quantity; NaN does not count."""
     worst: dict[str, Any] = {}
     for each in QUANTITIES:

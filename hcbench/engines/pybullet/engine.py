@@ -269,7 +269,7 @@ class PybulletEngine(
         from hcbench.engines.pybullet.model.drop_test import ChangedWorld, WorldDropBench
 
         if isinstance(source, ChangedWorld):
-            bench = WorldDropBench(source.build(), requests, source.apply)
+            bench = source.bench or WorldDropBench(source.build(), requests, source.apply)
         else:
             bench = WorldDropBench(_opened(source, requests), requests)
         return bench.whole_test(like, until_worse)

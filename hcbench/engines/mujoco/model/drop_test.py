@@ -23,6 +23,7 @@ from hcbench.sim.drop_test import DropBench, DropMotion, DroppedRobot
 from hcbench.sim.landing import (
     DROPS,
     HEIGHTS,
+    MANY_REBOUNDS,
     SECONDS_TO_FALL,
     TILT_AXIS,
     DropTest,
@@ -136,7 +137,9 @@ class ModelDropBench(DropBench):
         self._data = backend().MjData(self.model)
         self._columns = _SensorColumns.of(self.model)
         # MuJoCo's full state at release, (nstate,).
-        self._released: dict[RobotDrop, Floats] = {drop: self._release(drop) for drop in DROPS}
+        self._released: dict[RobotDrop, Floats] = {}
+        for drop in (*DROPS, *MANY_REBOUNDS):
+            self._released[drop] = self._release(drop)
         over_floor = self._over_floor
         self._dropped = DroppedRobot(
             self.timestep, self.gravity, over_floor.up, over_floor.weight, self._measured_height()
@@ -241,7 +244,7 @@ class ModelDropBench(DropBench):
         """Simulate one drop for `seconds`, and read how the robot lands; None where it diverges, or
         never touches the floor.
 
-        drop: one of DROPS. Raises MuJoCo's fatal errors as they are.
+        drop: one of those that are released. Raises MuJoCo's fatal errors as they are.
         """
         mujoco = backend()
         steps = round(seconds / self.timestep)

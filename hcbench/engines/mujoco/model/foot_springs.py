@@ -47,6 +47,11 @@ if TYPE_CHECKING:
 
 # MuJoCo's own impedance: with it solref alone makes the contact.
 SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
+# Impedance at the touch of a contact that hardens over its depth, and the share of the depth allowed
+# over which it does. Corners of a foot then land more softly one after another, and where in a step
+# they touch matters less.
+_SOFT_TOUCH = 0.6
+_HARDENING = 0.5
 # MuJoCo raises a shorter time constant to so many steps.
 _LEAST_STEPS = 2.0
 
@@ -56,9 +61,11 @@ class FootContact(FootSpring):
     """A spring with w = 1/(timeconst dampratio) and ζ = dampratio.
 
     impratio: of the whole model, with elliptic cones; 0 for the model's own cone and impratio.
+    hardening: depth over which it hardens from a soft touch, m; 0 for MuJoCo's own impedance.
     """
 
     impratio: float = 0.0
+    hardening: float = 0.0
 
     @property
     def solref(self) -> tuple[float, float]:
@@ -67,6 +74,13 @@ class FootContact(FootSpring):
             float(f"{1.0 / (self.frequency * self.damping):.5g}"),
             float(f"{self.damping:.5g}"),
         )
+
+    @property
+    def solimp(self) -> tuple[float, ...]:
+        """MuJoCo's impedance at the touch and deep inside, the depth between, m, and two of form."""
+        if not self.hardening:
+            return SOLIMP
+        return (_SOFT_TOUCH, SOLIMP[1], float(f"{self.hardening:.3g}"), *SOLIMP[3:])
 
 
 def foot_geoms(model: Any, requests: Sequence[Request]) -> list[Geoms]:
@@ -92,7 +106,7 @@ def set_contact(model: Any, plain: Any, geoms: Sequence[Geoms], contact: FootCon
     for both in geoms:
         for number in explicit_pairs(model, both):
             model.pair_solref[number] = contact.solref
-            model.pair_solimp[number] = SOLIMP
+            model.pair_solimp[number] = contact.solimp
     model.opt.cone = plain.opt.cone
     model.opt.impratio = plain.opt.impratio
     if contact.impratio:
@@ -120,7 +134,7 @@ def write_contact(source: Any, requests: Sequence[Request], contact: FootContact
     for one, other in geoms:
         both = (names[one], names[other])
         known = [pair for pair in spec.pairs if {pair.geomname1, pair.geomname2} == set(both)]
-        values: dict[str, Any] = {"solref": list(contact.solref), "solimp": list(SOLIMP)}
+        values: dict[str, Any] = {"solref": list(contact.solref), "solimp": list(contact.solimp)}
         # A new <pair> takes nothing from its geoms: what was in force is written into it.
         if not known:
             values |= friction_values(model, (one, other))
@@ -155,18 +169,19 @@ def _onset(model: Any, one: int, other: int) -> float:
     return float(data.contact.includemargin[0])
 
 
-# Springs that are tried: up to this share of 1/h, and dampings, which throw a robot up higher than
-# its model does, or less.
+# Springs that are tried: up to 1/h, beyond which MuJoCo's own step no longer follows them, and
+# dampings, which throw a robot up higher than its model does, or less.
 _GRID = SpringGrid(
-    fastest=0.4,
-    frequencies=8,
-    dampings=tuple(np.geomspace(0.12, 1.4, 8).tolist()),
+    fastest=1.0,
+    frequencies=16,
+    dampings=tuple(np.geomspace(0.05, 1.4, 10).tolist()),
     calming=tuple(np.geomspace(0.4, 4.0, 8).tolist()),
     first=(DROPS[-1], DROPS[len(DROPS) // 2]),
-    first_seconds=SECONDS,
-    nearest_frequencies=15,
-    nearest=8,
-    very_nearest=4,
+    first_seconds=0.6 * SECONDS,
+    later=DROPS[::-1],
+    nearest_frequencies=16,
+    nearest=2,
+    moves=10,
 )
 # Impratios with elliptic cones that are tried for less slip; 0 is the model's own.
 _IMPRATIOS = (0.0, 10.0)
@@ -229,6 +244,20 @@ class PairSearch(ReboundSearch[FootContact]):
     def is_kept(self, spring: FootContact) -> bool:
         """Say whether MuJoCo keeps the time constant, which it raises to two steps."""
         return spring.solref[0] >= _LEAST_STEPS * self.bench.timestep
+
+    def kinds(self, spring: FootContact) -> tuple[FootContact, ...]:
+        """The contact with MuJoCo's own impedance, and one that hardens over its depth."""
+        return spring, replace(spring, hardening=_HARDENING * self.deepest)
+
+    def stop(self, damping: float) -> float:
+        """Way in which a damped spring stops a body, over that without damping: the largest value of
+        the solution x(t) of x'' + 2 ζ w x' + w² x = 0 for x(0) = 0, x'(0) = w.
+        """
+        if damping == 1.0:
+            return math.exp(-1.0)
+        root = math.sqrt(abs(1.0 - damping**2))
+        turn = math.acos(damping) if damping < 1.0 else math.acosh(damping)
+        return math.exp(-damping / root * turn)
 
     def variants(self, spring: FootContact) -> Iterable[FootContact]:
         """The contact with the model's own cone, and with an elliptic one."""

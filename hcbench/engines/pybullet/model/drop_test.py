@@ -4,8 +4,10 @@ world.
 
 from __future__ import annotations
 
+import math
 import weakref
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -30,7 +32,9 @@ from hcbench.sim.landing import (
     DROPS,
     LATE_S,
     MANY_REBOUNDS,
+    QUANTITIES,
     REBOUNDS,
+    REST_SPEED,
     TAIL_S,
     TILT_AXIS,
     DropTest,
@@ -53,6 +57,8 @@ LASTING = (DROPS[-1], REBOUNDS[0], DROPS[len(DROPS) // 2])
 _BRIEF_S = 0.7
 # Time of a first one of these, s, which shows how a robot lies after LATE_S and TAIL_S.
 FIRST_S = LATE_S + TAIL_S + 0.2
+# Steps after which it is looked again whether a robot that should rest does.
+_LOOKS = 8
 _EXPECTED = "pairs of a robot, which has joints and a free base, with what is fixed"
 # Numbers of a link's motion: centre, quaternion x y z w, velocity and spin.
 _TO_CENTRE, _TO_QUATERNION, _TO_VELOCITY, _TO_SPIN = 3, 7, 10, 13
@@ -63,10 +69,25 @@ Change = Callable[["BulletClient"], None]
 
 @dataclass(frozen=True, slots=True)
 class ChangedWorld:
-    """A user's world with a setting: build opens the world, apply makes the setting in it."""
+    """A user's world with a setting: build opens the world, apply makes the setting in it.
+
+    bench: drops the robot of that world, and has made some of its drops; None: none is made.
+    """
 
     build: Callable[[], LoadedWorld]
     apply: Change
+    bench: WorldDropBench | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Ends:
+    """Values beyond which a drop is worse than allowed, so that it need not go on: force of the
+    floor, N; depth, m; and time from the touch to rest, s. NaN: no limit.
+    """
+
+    force: float = math.nan
+    depth: float = math.nan
+    rest: float = math.nan
 
 
 class Seen(NamedTuple):
@@ -116,6 +137,7 @@ class WorldDropBench(DropBench):
         self.seen: set[int] = set()
         self.points = 1
         self._unchanged: dict[tuple[RobotDrop, float], Landed | None] = {}
+        self._origin: WorldDropBench | None = None
 
     def test(self, seconds: float, drops: Sequence[RobotDrop] = DROPS) -> DropTest:
         """Drop the robot as it is. seconds: of the drops that show how it rests."""
@@ -143,6 +165,49 @@ class WorldDropBench(DropBench):
         if many.diverged:
             return many
         return replace(test, rebound=many.rebound, spread=many.spread, phases=many.phases)
+
+    def with_change(self, change: Change) -> WorldDropBench:
+        """The same robot in the same client, with a change of its world in every drop."""
+        other = copy(self)
+        other._apply = change
+        other._unchanged = {}
+        other.seen = set(self.seen)
+        # The client ends with the bench that opened it.
+        other._origin = self
+        return other
+
+    def is_no_worse(
+        self,
+        like: DropTest,
+        target: float,
+        seconds: float,
+        drops: Sequence[RobotDrop] = DROPS,
+    ) -> bool:
+        """Say whether no drop is worse than `like`. Drops end with the first that is, and that one as
+        soon as it is.
+
+        target: rebound, m. seconds: of the drops that show how the robot rests.
+        """
+        return all(self._drop_is_no_worse(like, target, seconds, drop) for drop in drops)
+
+    def _drop_is_no_worse(
+        self, like: DropTest, target: float, seconds: float, drop: RobotDrop
+    ) -> bool:
+        """Say so of one drop."""
+        lasting = self._seconds(drop, seconds)
+        key = drop, lasting
+        limits = {each.name: each.limit(getattr(like, each.name), target) for each in QUANTITIES}
+        landed = self._unchanged.get(key)
+        if key not in self._unchanged:
+            force = limits["peak"] * self.mass * self.gravity
+            rest = limits["rest"] if lasting > LATE_S + TAIL_S else math.nan
+            ends = _Ends(force, limits["depth"], rest)
+            landed = self._landed(drop, lasting, None, ends)
+        if landed is None or any(getattr(landed, name) > limits[name] for name in limits):
+            return False
+        # It went on to its end.
+        self._unchanged[key] = landed
+        return True
 
     def _seconds(self, drop: RobotDrop, seconds: float) -> float:
         """Time of a drop from release, s. seconds: of those that show how a robot rests."""
@@ -177,18 +242,21 @@ class WorldDropBench(DropBench):
         )
         return robot, over_floor.mass
 
-    def _landed(self, drop: RobotDrop, seconds: float, change: Change | None) -> Landed | None:
+    def _landed(
+        self, drop: RobotDrop, seconds: float, change: Change | None, ends: _Ends = _Ends()
+    ) -> Landed | None:
         """Simulate one drop for `seconds` in a forked copy, and read how the robot lands; None where
         the drop diverges or kills its process, or the robot never touches the floor.
 
-        change: made in the copy's world before; None: no change.
+        change: made in the copy's world before; None: no change. ends: where the drop may end
+        before its time, with what it has shown.
         """
 
         def dropped() -> Seen:
             over_floor, drive, _ = self._prepared()
             if change is not None:
                 change(self.world.bullet)
-            return _drop(over_floor, drive, drop, seconds)
+            return _drop(over_floor, drive, drop, seconds, ends)
 
         try:
             seen = run_aside(self.world.bullet, dropped)
@@ -228,11 +296,16 @@ def _feet(
 
 
 def _drop(
-    over_floor: WorldOverFloor, drive: Callable[[], None], drop: RobotDrop, seconds: float
+    over_floor: WorldOverFloor,
+    drive: Callable[[], None],
+    drop: RobotDrop,
+    seconds: float,
+    ends: _Ends,
 ) -> Seen:
     """Drop the robot once, in a world that may be changed, and read how it lands.
 
-    over_floor: the robot in its pose. drive: called before each step. seconds: to simulate.
+    over_floor: the robot in its pose. drive: called before each step. seconds: to simulate. ends:
+    where it ends before; a robot that moves beyond the time to rest has an infinite one.
     """
     h, g = over_floor.h, over_floor.g
     # Quaternion x y z w of the tilt.
@@ -243,16 +316,22 @@ def _drop(
     for _ in range(round(seconds / h)):
         drive()
         path.step()
+        if path.is_beyond(ends):
+            break
     motion = path.motion()
     height = float((motion.centre[0] - lowest) @ over_floor.up)
     dropped = DroppedRobot(h, g, over_floor.up, over_floor.mass * g, max(height, 1e-3))
-    return Seen(dropped.landed(motion, drop.height), frozenset(path.links), path.points)
+    landed = dropped.landed(motion, drop.height)
+    if landed is not None and path.is_late:
+        landed = replace(landed, rest=math.inf)
+    return Seen(landed, frozenset(path.links), path.points)
 
 
 class _DropPath:
     """The way of a robot, recorded step by step.
 
-    links: that the floor pushed. points: at which it pushed at once, at most.
+    links: that the floor pushed. points: at which it pushed at once, at most. is_late: whether it
+    moves when it should rest.
     """
 
     def __init__(self, over_floor: WorldOverFloor) -> None:
@@ -269,6 +348,26 @@ class _DropPath:
         self._distances: list[float] = []
         self.links: set[int] = set()
         self.points = 0
+        self.is_late = False
+        # Number of the first step in which the floor pushes.
+        self._touch: int | None = None
+
+    def is_beyond(self, ends: _Ends) -> bool:
+        """Say whether the last step is beyond what a drop may show."""
+        force = self._forces[-1]
+        if self._touch is None:
+            if not force > 0.0:
+                return False
+            self._touch = len(self._forces) - 1
+        if force > ends.force or -self._distances[-1] > ends.depth:
+            return True
+        since = len(self._forces) - 1 - self._touch
+        if since * self._over_floor.h > ends.rest and since % _LOOKS == 0:
+            over_floor = self._over_floor
+            velocities = np.array([row[_TO_QUATERNION:_TO_VELOCITY] for row in self._rows[-1]])
+            velocity = over_floor.masses @ velocities / over_floor.mass
+            self.is_late = bool(np.linalg.norm(velocity) > REST_SPEED)
+        return self.is_late
 
     def step(self) -> None:
         """Record the motion, take a step, and record what the floor does in it."""

@@ -4,7 +4,10 @@ robot and written as lines of a script.
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from functools import partial
+from itertools import islice
 from shlex import quote
 from typing import TYPE_CHECKING
 
@@ -12,12 +15,18 @@ import numpy as np
 
 from hcbench.engines.pybullet.backend import MASS, STIFFNESS
 from hcbench.engines.pybullet.model.causes import Call, apply_calls, script_of
-from hcbench.engines.pybullet.model.drop_test import FIRST_S, LASTING, ChangedWorld, WorldDropBench
+from hcbench.engines.pybullet.model.drop_test import (
+    FIRST_S,
+    LASTING,
+    Change,
+    ChangedWorld,
+    WorldDropBench,
+)
 from hcbench.engines.pybullet.model.open import BodyPart
 from hcbench.engines.pybullet.model.under_test import PybulletModel, unwritten
-from hcbench.sim.landing import DropTest, ReboundSettings
+from hcbench.sim.landing import DROPS, MANY_REBOUNDS, REBOUNDS, DropTest, ReboundSettings
 from hcbench.sim.model_under_test import ModelSetting, Suspect, Texts
-from hcbench.sim.rebound_search import FootSpring, ReboundSearch, SpringGrid
+from hcbench.sim.rebound_search import FootSpring, ReboundSearch, SpringGrid, worse_of
 from hcbench.system.text import joined_names
 
 if TYPE_CHECKING:
@@ -35,10 +44,20 @@ _GRID = SpringGrid(
     calming=tuple(np.geomspace(0.4, 4.0, 5).tolist()),
     first=LASTING[:1],
     first_seconds=FIRST_S,
-    nearest_frequencies=4,
+    nearest_frequencies=7,
     nearest=2,
     very_nearest=1,
 )
+# Faster springs, which mostly land worse, are tried where these do not have the rebound. At ten times
+# 1/h a spring stops a foot within a step, and a faster one changes nothing: the damping alone then
+# tells which share of the penetration is taken back in a step.
+_FASTER = 10.0
+_MORE_DAMPED = {False: 3.7, True: 12.0}
+# Contacts that have the rebound and are dropped whole, and of those that come nearest, at most.
+_MET = 8
+_NEAREST = 40
+# The whole test, in the order that finds the most contacts that land worse in the least time.
+_ORDER = (LASTING[0], *(drop for drop in DROPS if drop not in LASTING), *LASTING[1:])
 # A stiffness, N/m, that Bullet gives bodies without a spring: beside it the other's holds alone.
 _STIFF = 1e18
 
@@ -66,7 +85,66 @@ class LinkSearch(ReboundSearch[FootSpring]):
         """Drop the robot, `seconds` s each, with the spring at its feet; None: with its own contacts."""
         if spring is None:
             return self._robot.test(seconds, drops)
-        return self._robot.test_with(partial(apply_calls, calls=self.calls(spring)), seconds, drops)
+        return self._robot.test_with(self._change(spring), seconds, drops)
+
+    def contacts(self) -> Iterator[FootSpring]:
+        """Yield those of `ReboundSearch`, and then those of faster springs."""
+        yield from super().contacts()
+        faster = self._frequencies(self.grid.nearest_frequencies)[self.grid.frequencies :]
+        yield from self._in_rows(map(self._row, faster))
+
+    def _frequencies(self, count: int) -> list[float]:
+        """Frequencies of springs to try, rad/s: those of the grid, and faster ones up to `count`."""
+        slower = super()._frequencies(self.grid.frequencies)
+        fastest = _FASTER / self.bench.timestep
+        more = count - len(slower)
+        return [*slower, *np.geomspace(slower[-1], fastest, more + 1)[1:].tolist()]
+
+    def _row(self, frequency: float) -> list[FootSpring]:
+        """Springs of one frequency to try, the most damped first."""
+        row = super()._row(frequency)
+        if self._is_faster(frequency):
+            return [self.spring(frequency, _MORE_DAMPED[self._dampings == self.grid.calming]), *row]
+        return row
+
+    def _is_faster(self, frequency: float) -> bool:
+        return frequency > 1.01 * self.grid.fastest / self.bench.timestep
+
+    def _try(self, contact: FootSpring) -> DropTest:
+        """The short drops of a contact; of a faster one that lands worse no more than that it does."""
+        if contact not in self._tried and self._is_faster(contact.frequency):
+            bench = self.dropped(contact)
+            if bench.is_no_worse(self._untuned, self.target, self._short, REBOUNDS):
+                self._tried[contact] = bench.test(self._short, REBOUNDS)
+            else:
+                self._tried[contact] = replace(self._untuned, peak=math.inf)
+        return super()._try(contact)
+
+    def dropped(self, spring: FootSpring) -> WorldDropBench:
+        """The robot with the spring at its feet."""
+        return self._robot.with_change(self._change(spring))
+
+    def _change(self, spring: FootSpring) -> Change:
+        return partial(apply_calls, calls=self.calls(spring))
+
+    def _first_drops_are_no_worse(self, contact: FootSpring) -> bool:
+        """Say so as `ReboundSearch`, by drops that end as soon as something is worse."""
+        seconds = min(self.before.seconds, self.grid.first_seconds)
+        bench = self.dropped(contact)
+        for drop in self.grid.first:
+            if drop not in self._allowed:
+                self._allowed[drop] = worse_of(self.before, self.drop(None, seconds, [drop]))
+            if not bench.is_no_worse(self._allowed[drop], self.target, seconds, [drop]):
+                return False
+        return True
+
+    def meets_at_many_phases(self, bench: WorldDropBench) -> bool:
+        """Say whether the rebound is the target at places in a step that the search did not see."""
+        return bench.test(self.before.seconds, MANY_REBOUNDS).meets(self.target)
+
+    def lands_no_worse(self, bench: WorldDropBench) -> bool:
+        """Say whether no drop of the whole test is worse than that of the model."""
+        return bench.is_no_worse(self.before, self.target, self.before.seconds, _ORDER)
 
     @property
     def feet(self) -> list[int]:
@@ -127,14 +205,25 @@ def rebound_settings(
     """
     search = LinkSearch(WorldDropBench(build(), requests), before, target)
 
-    def settings(springs: Iterator[FootSpring]) -> Iterator[ModelSetting]:
-        for spring in springs:
-            yield _setting(build, search, spring, requests[0])
+    def setting(spring: FootSpring, dropped: WorldDropBench | None = None) -> ModelSetting:
+        return _setting(build, search, spring, requests[0], dropped)
+
+    def meeting() -> Iterator[ModelSetting]:
+        for spring in islice(search.contacts(), _MET):
+            dropped = search.dropped(spring)
+            if search.meets_at_many_phases(dropped) and search.lands_no_worse(dropped):
+                yield setting(spring, dropped)
+
+    def nearest() -> Iterator[ModelSetting]:
+        for spring in islice(search.nearest_contacts(), _NEAREST):
+            dropped = search.dropped(spring)
+            if search.lands_no_worse(dropped):
+                yield setting(spring, dropped)
 
     return ReboundSettings(
-        settings(search.contacts()),
-        settings(search.nearest_contacts()),
-        settings(search.trading_contacts()),
+        meeting(),
+        nearest(),
+        map(setting, search.trading_contacts()),
         search.stiffer,
         _all_feet(search, requests),
     )
@@ -155,11 +244,16 @@ def _all_feet(search: LinkSearch, requests: Sequence[Request]) -> tuple[str, ...
 
 
 def _setting(
-    build: Callable[[], LoadedWorld], search: LinkSearch, spring: FootSpring, request: Request
+    build: Callable[[], LoadedWorld],
+    search: LinkSearch,
+    spring: FootSpring,
+    request: Request,
+    dropped: WorldDropBench | None,
 ) -> ModelSetting:
     """A spring of the feet as a setting of a user's world: notes, lines and the world with it.
 
-    request: with the step and gravity of the drops.
+    request: with the step and gravity of the drops. dropped: the robot with the spring, where it
+    was dropped.
     """
     calls = search.calls(spring)
     notes = [
@@ -183,5 +277,5 @@ def _setting(
         tuple(notes),
         opened,
         lambda *_: Texts(text),
-        source=ChangedWorld(build, apply),
+        source=ChangedWorld(build, apply, dropped),
     )
