@@ -335,6 +335,14 @@ class LandedQuantity:
         """The printed unit in SI: it is that of the field, or a thousandth of it."""
         return 1e-3 if self.unit.startswith("mm") else 1.0
 
+    def limit(self, was: float, rebound: float) -> float:
+        """The largest value, SI, that is no worse than one before: NaN where that is NaN.
+
+        rebound: the target, m; 0 for none.
+        """
+        share = self.rebound_share if rebound > 0.0 else self.share
+        return max(share * was, was + self.slack)
+
     def change(self, was: float, now: float) -> str:
         """Both values, SI, in words."""
         words = f"{self.title} {self.shown(was)} -> {self.shown(now)}"
@@ -546,10 +554,9 @@ class DropTest(LandingQuantities):
         for each in QUANTITIES:
             was: float = getattr(before, each.name)
             now: float = getattr(self, each.name)
-            share = each.rebound_share if rebound > 0.0 else each.share
             # Without a number now a robot that came to rest no longer does; NaN in both tells nothing.
             is_lost = math.isnan(now) and not math.isnan(was)
-            if is_lost or now > max(share * was, was + each.slack):
+            if is_lost or now > each.limit(was, rebound):
                 yield each.change(was, now)
 
     def meets(self, rebound: float) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 from shlex import quote
@@ -178,11 +179,14 @@ _GRID = SpringGrid(
     calming=tuple(np.geomspace(0.4, 4.0, 8).tolist()),
     first=(DROPS[-1], DROPS[len(DROPS) // 2]),
     first_seconds=0.6 * SECONDS,
-    later=DROPS[::-1],
     nearest_frequencies=16,
     nearest=2,
-    moves=10,
+    very_nearest=2,
 )
+# Steps by which a contact that was found nearest to the target is moved on, at most, and the smallest,
+# in steps of the grid.
+_MOVES = 10
+_LEAST_STEP = 0.1
 # Impratios with elliptic cones that are tried for less slip; 0 is the model's own.
 _IMPRATIOS = (0.0, 10.0)
 # Factors of the servos' kp, with their square roots of kd, by which more is tried.
@@ -217,6 +221,8 @@ class PairSearch(ReboundSearch[FootContact]):
         first = write_contact(source, requests, FootContact(100.0, 1.0))
         self._written = ModelDropBench(first.spec, label, requests)
         self._own = ModelDropBench(spec_of(source), label, requests)
+        # Whether a contact lands no worse.
+        self._landing: dict[FootContact, bool] = {}
         super().__init__(self._written, before, target)
 
     @property
@@ -262,6 +268,79 @@ class PairSearch(ReboundSearch[FootContact]):
     def variants(self, spring: FootContact) -> Iterable[FootContact]:
         """The contact with the model's own cone, and with an elliptic one."""
         return [replace(spring, impratio=impratio) for impratio in _IMPRATIOS]
+
+    def nearest_contacts(self) -> Iterator[FootContact]:
+        """Yield contacts that are not worse in short drops and in long ones, and whose rebound is
+        nearer to the target than the model's: the nearest of the grid, moved on in frequency and
+        damping, the nearest first, and then the others of the grid.
+        """
+        feasible = self._feasible(itertools.chain.from_iterable(self._rows()))
+        own = abs(self._untuned.rebound - self.target)
+        nearer = sorted((one for one in feasible if self._miss(one) < own), key=self._miss)
+        varied = itertools.chain.from_iterable(map(self.variants, nearer))
+        landing = filter(self._lands_no_worse, varied)
+        ways = map(self._moved, itertools.islice(landing, self.grid.nearest))
+        moved = dict.fromkeys(itertools.chain.from_iterable(ways))
+        yield from sorted(moved, key=self._miss)
+        yield from landing
+
+    def _moved(self, contact: FootContact) -> list[FootContact]:
+        """The contact, and those over which it is moved in frequency and damping as far as it comes
+        nearer to the target and does not land worse: by compass search (Kolda, Lewis and Torczon
+        2003, SIAM Review 45, 385).
+
+        Steps begin at half the ratio of neighbours in the grid, and are halved where none helps. The
+        edge of what lands no worse is oblique: both may change at once.
+        """
+        way = [contact]
+        size = 0.5
+        for _ in range(_MOVES):
+            nearer = self._step_nearer(way[-1], size)
+            if nearer is not None:
+                way.append(nearer)
+                continue
+            size *= 0.5
+            if size < _LEAST_STEP:
+                break
+        return way
+
+    def _step_nearer(self, contact: FootContact, size: float) -> FootContact | None:
+        """The neighbour of a contact that is nearest to the target, of those that land no worse; None
+        where none is nearer than the contact.
+
+        size: of the step, in steps of the grid.
+        """
+        frequencies = self._frequencies(self.grid.frequencies)
+        faster = (frequencies[1] / frequencies[0]) ** size
+        damped = (self._dampings[1] / self._dampings[0]) ** size
+        neighbours = []
+        for along, across in itertools.product((-1, 0, 1), repeat=2):
+            frequency = contact.frequency * faster**along
+            damping = contact.damping * damped**across
+            moved = replace(contact, frequency=frequency, damping=damping)
+            if self.is_kept(moved) and self._is_no_worse(self._try(moved)):
+                neighbours.append(moved)
+        for moved in sorted(neighbours, key=self._miss):
+            if self._miss(moved) >= self._miss(contact):
+                break
+            if self._lands_no_worse(moved):
+                return moved
+        return None
+
+    def _lands_no_worse(self, contact: FootContact) -> bool:
+        """Say whether no first drop of a contact is worse than that of the model, and none of its whole
+        test; of these the highest come first, in which most fail.
+        """
+        if contact not in self._landing:
+            self._landing[contact] = self._first_drops_are_no_worse(contact) and all(
+                self._is_no_worse_than_all(drop, contact) for drop in reversed(self.bench.drops)
+            )
+        return self._landing[contact]
+
+    def _is_no_worse_than_all(self, drop: RobotDrop, contact: FootContact) -> bool:
+        """Say whether nothing is worse in one drop of a contact than in all of the model as it is."""
+        dropped = self.drop(contact, self.before.seconds, [drop])
+        return not list(dropped.worse_than(self.before, self.target))
 
     def stiffer(self) -> tuple[tuple[float, float], ...]:
         """(factor of kp, largest rebound with it, m) of stiffer servos, until the target is in reach."""
