@@ -186,7 +186,7 @@ _GRID = SpringGrid(
 # Steps by which a contact that was found nearest to the target is moved on, at most, and the smallest,
 # in steps of the grid.
 _MOVES = 10
-_LEAST_STEP = 0.2
+_LEAST_STEP = 0.1
 # Impratios with elliptic cones that are tried for less slip; 0 is the model's own.
 _IMPRATIOS = (0.0, 10.0)
 # Factors of the servos' kp, with their square roots of kd, by which more is tried.
