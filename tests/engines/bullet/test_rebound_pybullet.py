@@ -20,7 +20,7 @@ from long_searches import long_search
 
 import hcbench as hb
 from hcbench.cli import run
-from hcbench.engines.pybullet.model.drop_test import WorldDropBench
+from hcbench.engines.pybullet.model.drop_test import FIRST_S, LASTING, WorldDropBench
 from hcbench.engines.pybullet.model.foot_springs import LinkSearch, _all_feet
 from hcbench.engines.pybullet.model.open import load_files
 from hcbench.engines.pybullet.model.under_test import unwritten
@@ -186,6 +186,35 @@ def test_no_random_spring_beats_the_largest_rebound_that_is_named(files: tuple[s
         spring = search.spring(float(frequency), float(damping))
         if search.drop(spring, 0.5, REBOUNDS).rebound > 1.1 * found.landing.reach.rebound:
             assert list(search.drop(spring, before.seconds, DROPS).worse_than(before, 0.05))
+
+
+@pytest.mark.parametrize(
+    ("frequency", "damping"),
+    [(60.0, 0.1), (150.0, 0.05), (150.0, 1.0), (2.0 / H, 0.05), (9.0 / H, 2)],
+)
+def test_drops_that_end_early_judge_as_whole_ones(
+    files: tuple[str, str], frequency: float, damping: float
+) -> None:
+    """A drop ends once a force, a depth or the time to rest is beyond its limit."""
+    bench = WorldDropBench(load_files(list(files)), [make_request(None, gravity=G)])
+    drops = (LASTING[0], *REBOUNDS[1:3])
+    before = bench.test(FIRST_S, drops)
+    search = LinkSearch(bench, before, TARGET)
+    spring = search.spring(frequency, damping)
+    whole = search.drop(spring, FIRST_S, drops)
+    is_whole = not list(whole.worse_than(before, TARGET))
+    assert search.dropped(spring).is_no_worse(before, TARGET, FIRST_S, drops) is is_whole
+
+
+def test_faster_springs_are_tried_after_those_of_the_grid(files: tuple[str, str]) -> None:
+    bench = WorldDropBench(load_files(list(files)), [make_request(None, gravity=G)])
+    search = LinkSearch(bench, bench.test(0.7, REBOUNDS), TARGET)
+    frequencies = search._frequencies(7)
+    assert frequencies[3] * H == pytest.approx(1.5)
+    assert frequencies[-1] * H == pytest.approx(10.0)
+    assert frequencies == sorted(frequencies)
+    assert max(one.damping for one in search._row(frequencies[3])) == pytest.approx(1.4)
+    assert max(one.damping for one in search._row(frequencies[4])) == pytest.approx(3.7)
 
 
 def test_a_first_drop_may_be_as_bad_as_that_of_the_model(files: tuple[str, str]) -> None:

@@ -51,11 +51,13 @@ _GRID = SpringGrid(
 # Faster springs, which mostly land worse, are tried where these do not have the rebound. At ten times
 # 1/h a spring stops a foot within a step, and a faster one changes nothing: the damping alone then
 # tells which share of the penetration is taken back in a step.
-_FASTER = 10.0
-_MORE_DAMPED = {False: 3.7, True: 12.0}
+_FASTEST = 10.0
+# Their largest damping, and that of those that throw the robot up less.
+_MORE_DAMPED = 3.7
+_CALMER = 12.0
 # Contacts that have the rebound and are dropped whole, and of those that come nearest, at most.
 _MET = 8
-_NEAREST = 40
+_NEAREST = 24
 # The whole test, in the order that finds the most contacts that land worse in the least time.
 _ORDER = (LASTING[0], *(drop for drop in DROPS if drop not in LASTING), *LASTING[1:])
 # A stiffness, N/m, that Bullet gives bodies without a spring: beside it the other's holds alone.
@@ -96,23 +98,26 @@ class LinkSearch(ReboundSearch[FootSpring]):
     def _frequencies(self, count: int) -> list[float]:
         """Frequencies of springs to try, rad/s: those of the grid, and faster ones up to `count`."""
         slower = super()._frequencies(self.grid.frequencies)
-        fastest = _FASTER / self.bench.timestep
+        fastest = _FASTEST / self.bench.timestep
         more = count - len(slower)
         return [*slower, *np.geomspace(slower[-1], fastest, more + 1)[1:].tolist()]
 
     def _row(self, frequency: float) -> list[FootSpring]:
         """Springs of one frequency to try, the most damped first."""
         row = super()._row(frequency)
-        if self._is_faster(frequency):
-            return [self.spring(frequency, _MORE_DAMPED[self._dampings == self.grid.calming]), *row]
-        return row
+        if not self._is_faster(frequency):
+            return row
+        most_damped = _CALMER if self._dampings == self.grid.calming else _MORE_DAMPED
+        return [self.spring(frequency, most_damped), *row]
 
     def _is_faster(self, frequency: float) -> bool:
+        """Say whether a frequency, rad/s, is beyond those of the grid."""
         return frequency > 1.01 * self.grid.fastest / self.bench.timestep
 
     def _try(self, contact: FootSpring) -> DropTest:
         """The short drops of a contact; of a faster one that lands worse no more than that it does."""
         if contact not in self._tried and self._is_faster(contact.frequency):
+            # Most land worse, and none of them is shown for its trade-offs.
             bench = self.dropped(contact)
             if bench.is_no_worse(self._untuned, self.target, self._short, REBOUNDS):
                 self._tried[contact] = bench.test(self._short, REBOUNDS)
@@ -125,6 +130,7 @@ class LinkSearch(ReboundSearch[FootSpring]):
         return self._robot.with_change(self._change(spring))
 
     def _change(self, spring: FootSpring) -> Change:
+        """What gives the spring to the feet in a world."""
         return partial(apply_calls, calls=self.calls(spring))
 
     def _first_drops_are_no_worse(self, contact: FootSpring) -> bool:
@@ -139,8 +145,10 @@ class LinkSearch(ReboundSearch[FootSpring]):
         return True
 
     def meets_at_many_phases(self, bench: WorldDropBench) -> bool:
-        """Say whether the rebound is the target at places in a step that the search did not see."""
-        return bench.test(self.before.seconds, MANY_REBOUNDS).meets(self.target)
+        """Say whether the rebound is the target at places in a step that the search did not see, in
+        short drops.
+        """
+        return bench.test(self._short, MANY_REBOUNDS).meets(self.target)
 
     def lands_no_worse(self, bench: WorldDropBench) -> bool:
         """Say whether no drop of the whole test is worse than that of the model."""
@@ -206,15 +214,18 @@ def rebound_settings(
     search = LinkSearch(WorldDropBench(build(), requests), before, target)
 
     def setting(spring: FootSpring, dropped: WorldDropBench | None = None) -> ModelSetting:
+        """A spring as a setting. dropped: the robot with it, where it was dropped."""
         return _setting(build, search, spring, requests[0], dropped)
 
     def meeting() -> Iterator[ModelSetting]:
+        """Settings that have the rebound at more phases than the search saw, and land no worse."""
         for spring in islice(search.contacts(), _MET):
             dropped = search.dropped(spring)
             if search.meets_at_many_phases(dropped) and search.lands_no_worse(dropped):
                 yield setting(spring, dropped)
 
     def nearest() -> Iterator[ModelSetting]:
+        """Settings nearest to the rebound that land no worse."""
         for spring in islice(search.nearest_contacts(), _NEAREST):
             dropped = search.dropped(spring)
             if search.lands_no_worse(dropped):
