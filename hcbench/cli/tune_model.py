@@ -456,14 +456,16 @@ def landing_table(change: LandingChange) -> list[str]:
     with_spread = _landed(now, f"{1e3 * now.rebound:.3g} +- {1e3 * now.spread:.2g}")
     phases = max(was.phases, now.phases)
     rows = [
-        (f"landing of the robot, worst of {was.drops} drops", "before", "after"),
+        (f"worst of {was.drops} drops, except rebound", "before", "after"),
         (f"rebound from 10 cm, mm, mean of {phases} flat", rebound, with_spread),
     ]
     for each in QUANTITIES:
         old, new = getattr(was, each.name), getattr(now, each.name)
         if math.isnan(old) and math.isnan(new):
             continue
-        title = ", ".join(filter(None, (each.title, each.unit)))
+        # A robot that falls over lands on more than its feet.
+        of_parts = "of any part" if each.name == "peak" and was.falls else ""
+        title = ", ".join(filter(None, (each.title, of_parts, each.unit)))
         rows.append((title, _landed(was, each.shown(old)), _landed(now, each.shown(new))))
     first = max(len(title) for title, _, _ in rows)
     second = max(len(old) for _, old, _ in rows)
@@ -502,8 +504,8 @@ def landing_sentences(change: LandingChange) -> list[str]:
         )
     if change.rebound is not None and change.is_met and change.after is before:
         sentences.append("The model as it is has this rebound already: there is nothing to paste.")
-    if change.worse:
-        sentences.append(f"Worse than before: {'; '.join(change.worse)}.")
+    if change.worse or after is not before:
+        sentences.append(f"Worse than before: {'; '.join(change.worse) or 'nothing'}.")
     if change.reach is not None:
         reached = f"{1e3 * change.reach.rebound:.3g} mm"
         sentences.append(

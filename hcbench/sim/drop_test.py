@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +13,7 @@ from hcbench.sim.landing import (
     DROPS,
     FALLEN,
     LATE_S,
+    MANY_REBOUNDS,
     REST_SPEED,
     SECONDS,
     SECONDS_TO_FALL,
@@ -53,19 +54,29 @@ class DropBench(ABC):
         """Drop the robot with the contacts that it has now. seconds: of each drop."""
 
     def whole_test(self, like: DropTest | None, until_worse: bool = False) -> DropTest:
-        """Make every drop, each for as long as `like` took, to be compared with it.
+        """Make every drop, each for as long as `like` took, to be compared with it. Then make those
+        that show how the rebound varies with where in a step the robot touches: at more places than
+        a search saw.
 
         like: another test of the robot; None: each drop lasts until the robot rests.
         until_worse: return the hardest drop alone where that already is worse than all of `like`.
         """
         if like is None:
-            return self._until_rest()
-        if until_worse:
-            # The highest, tilted. Quantities are the largest of all drops: others change nothing.
-            hardest = self.test(like.seconds, self.drops[-1:])
-            if any(hardest.worse_than(like)):
-                return hardest
-        return self.test(like.seconds, self.drops)
+            test = self._until_rest()
+        else:
+            if until_worse:
+                # The highest, tilted. Quantities are the largest of all drops: others change
+                # nothing.
+                hardest = self.test(like.seconds, self.drops[-1:])
+                if any(hardest.worse_than(like)):
+                    return hardest
+            test = self.test(like.seconds, self.drops)
+        if test.diverged:
+            return test
+        many = self.test(min(test.seconds, SECONDS_TO_FALL), MANY_REBOUNDS)
+        if many.diverged:
+            return many
+        return replace(test, rebound=many.rebound, spread=many.spread, phases=many.phases)
 
     def _until_rest(self) -> DropTest:
         """Make every drop for as long as a standing robot takes to rest; only until the touch for a

@@ -336,7 +336,7 @@ class LandedQuantity:
         return 1e-3 if self.unit.startswith("mm") else 1.0
 
     def limit(self, was: float, rebound: float) -> float:
-        """The largest value, SI, that is no worse than one before: NaN where that is NaN.
+        """The largest value, SI, that does not count as worse than one before: NaN where that is NaN.
 
         rebound: the target, m; 0 for none.
         """

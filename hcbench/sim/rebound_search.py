@@ -96,6 +96,8 @@ class ReboundSearch(ABC, Generic[Spring]):
         self.target = target
         fall = math.sqrt(2.0 * REBOUNDS[0].height / bench.gravity)
         self._short = fall + _TOUCH_S
+        # The depth by which a setting is judged to land no deeper than the model, m.
+        self.deepest = max(1.2 * before.depth, before.depth + 5e-4)
         self._tried: dict[Spring, DropTest] = {}
         # First drops, each with all that a contact may do in it.
         self._allowed: dict[RobotDrop, DropTest] = {}
@@ -118,6 +120,18 @@ class ReboundSearch(ABC, Generic[Spring]):
     def variants(self, spring: Spring) -> Iterable[Spring]:
         """The contact, and others with the same spring that may land better."""
         return (spring,)
+
+    def kinds(self, spring: Spring) -> tuple[Spring, ...]:
+        """The contact, and others of the same frequency and damping that throw a robot otherwise: each
+        kind has rows of its own.
+        """
+        return (spring,)
+
+    def stop(self, damping: float) -> float:
+        """Way in which a spring of this ratio of damping stops a body, over that without damping; an
+        engine that tries no softer springs with more damping leaves it at 1.
+        """
+        return 1.0
 
     def stiffer(self) -> tuple[tuple[float, float], ...]:
         """(factor of kp, largest rebound with it, m) of stiffer servos, until the target is in reach;
@@ -246,31 +260,47 @@ class ReboundSearch(ABC, Generic[Spring]):
         return max(rebounds, default=0.0)
 
     def _rows(self) -> list[list[Spring]]:
-        """Contacts to try: a list for each frequency, rising, in each the most damped first.
+        """Contacts to try: for each frequency, rising, a list of each kind, the most damped first.
 
         A spring of frequency w stops a speed v within v/w. Contacts that the engine does not keep
         are left out.
         """
-        return list(map(self._row, self._frequencies(self.grid.frequencies)))
+        rows = []
+        for frequency in self._frequencies(self.grid.frequencies):
+            kept = [self.kinds(contact) for contact in self._row(frequency)]
+            rows += [list(of_kind) for of_kind in zip(*kept, strict=True)]
+        return rows
 
     def _frequencies(self, count: int) -> list[float]:
         """Frequencies of the contacts to try, rad/s, rising: `count` of them, evenly in ratio.
 
-        The highest is the grid's `fastest` over the time step. The lowest is _SLOWER of that which
-        stops a body within the depth allowed, at least 10 rad/s and at most half the highest.
+        The highest is the grid's `fastest` over the time step, the lowest that of the most damped
+        spring, see `_slowest`.
         """
-        # The depth by which a setting is judged to land no deeper than the model, m.
-        deepest = max(1.2 * self.before.depth, self.before.depth + 5e-4)
-        speed = math.sqrt(2.0 * self.bench.gravity * REBOUNDS[0].height)
         fastest = self.grid.fastest / self.bench.timestep
-        slowest = min(max(10.0, _SLOWER * speed / deepest), 0.5 * fastest)
+        slowest = self._slowest(self._dampings[-1])
         frequencies: list[float] = np.geomspace(slowest, fastest, count).tolist()
         return frequencies
 
+    def _slowest(self, damping: float) -> float:
+        """The lowest frequency, rad/s, of a spring that is tried with a ratio of damping: _SLOWER of
+        that which stops a body within the depth allowed, at least 10 rad/s and at most half the
+        highest of all.
+        """
+        speed = math.sqrt(2.0 * self.bench.gravity * REBOUNDS[0].height)
+        slowest = max(10.0, _SLOWER * self.stop(damping) * speed / self.deepest)
+        return min(slowest, 0.5 * self.grid.fastest / self.bench.timestep)
+
     def _row(self, frequency: float) -> list[Spring]:
         """Contacts of one frequency to try, see `_rows`."""
-        every = [self.spring(frequency, damping) for damping in reversed(self._dampings)]
-        return [contact for contact in every if self.is_kept(contact)]
+        row = []
+        for damping in reversed(self._dampings):
+            contact = self.spring(frequency, damping)
+            # The frequency of a whole row may be rounded below the lowest one.
+            is_fast = frequency > 0.999 * self._slowest(damping)
+            if is_fast and self.is_kept(contact):
+                row.append(contact)
+        return row
 
     def _feasible(self, contacts: Iterable[Spring]) -> list[Spring]:
         """Those that are not worse in short drops."""
@@ -280,9 +310,13 @@ class ReboundSearch(ABC, Generic[Spring]):
         return not list(test.worse_than(self._untuned, self.target))
 
     def _try(self, contact: Spring) -> DropTest:
-        """The short drops of a contact."""
+        """The short drops of a contact; the first alone where something is worse in it than in all of
+        the model's: others make it no better.
+        """
         if contact not in self._tried:
-            self._tried[contact] = self.drop(contact, self._short, REBOUNDS)
+            first = self.drop(contact, self._short, REBOUNDS[:1])
+            is_worse = not self._is_no_worse(first)
+            self._tried[contact] = first if is_worse else self.drop(contact, self._short, REBOUNDS)
         return self._tried[contact]
 
     def _meeting(self, row: Sequence[Spring]) -> list[Spring]:

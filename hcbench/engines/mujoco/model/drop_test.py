@@ -139,7 +139,7 @@ class ModelDropBench(DropBench):
         self._data = backend().MjData(self.model)
         self._columns = _SensorColumns.of(self.model)
         # MuJoCo's full state at release, (nstate,).
-        self._released: dict[RobotDrop, Floats] = {drop: self._release(drop) for drop in DROPS}
+        self._states: dict[RobotDrop, Floats] = {}
         over_floor = self._over_floor
         self._dropped = DroppedRobot(
             self.timestep, self.gravity, over_floor.up, over_floor.weight, self._measured_height()
@@ -176,6 +176,12 @@ class ModelDropBench(DropBench):
                 landed[drop] = self._landed(drop, seconds)
         return drop_test(self.robot, landed, seconds)
 
+    def _released(self, drop: RobotDrop) -> Floats:
+        """MuJoCo's full state of the robot at the release of a drop, (nstate,), computed once."""
+        if drop not in self._states:
+            self._states[drop] = self._release(drop)
+        return self._states[drop]
+
     def _release(self, drop: RobotDrop) -> Floats:
         """MuJoCo's full state of the robot at the release of a drop, (nstate,).
 
@@ -211,7 +217,7 @@ class ModelDropBench(DropBench):
         mujoco = backend()
         data = mujoco.MjData(self.model)
         mujoco.mj_setState(
-            self.model, data, self._released[DROPS[0]], mujoco.mjtState.mjSTATE_FULLPHYSICS
+            self.model, data, self._released(DROPS[0]), mujoco.mjtState.mjSTATE_FULLPHYSICS
         )
         data.ctrl[:] = self._controls
         of_robot = self._over_floor.of_robot
@@ -234,7 +240,7 @@ class ModelDropBench(DropBench):
         mujoco = backend()
         up = self._over_floor.up
         kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
-        mujoco.mj_setState(self.model, self._data, self._released[DROPS[0]], kind)
+        mujoco.mj_setState(self.model, self._data, self._released(DROPS[0]), kind)
         mujoco.mj_forward(self.model, self._data)
         centre = self._data.subtree_com[self._over_floor.root]
         lowest = math.inf
@@ -256,7 +262,7 @@ class ModelDropBench(DropBench):
         states, sensors = mujoco.rollout.rollout(
             self.model,
             [self._data],
-            self._released[drop][None],
+            self._released(drop)[None],
             np.broadcast_to(self._controls, (1, 1, self.model.nu)).copy(),
             nstep=steps,
         )

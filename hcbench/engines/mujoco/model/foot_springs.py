@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 from shlex import quote
@@ -47,6 +48,11 @@ if TYPE_CHECKING:
 
 # MuJoCo's own impedance: with it solref alone makes the contact.
 SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
+# Impedance at the touch of a contact that hardens over its depth, and the share of the depth allowed
+# over which it does. Corners of a foot then land more softly one after another, and where in a step
+# they touch matters less.
+_SOFT_TOUCH = 0.6
+_HARDENING = 0.5
 # MuJoCo raises a shorter time constant to so many steps.
 _LEAST_STEPS = 2.0
 
@@ -56,9 +62,11 @@ class FootContact(FootSpring):
     """A spring with w = 1/(timeconst dampratio) and ζ = dampratio.
 
     impratio: of the whole model, with elliptic cones; 0 for the model's own cone and impratio.
+    hardening: depth over which it hardens from a soft touch, m; 0 for MuJoCo's own impedance.
     """
 
     impratio: float = 0.0
+    hardening: float = 0.0
 
     @property
     def solref(self) -> tuple[float, float]:
@@ -67,6 +75,13 @@ class FootContact(FootSpring):
             float(f"{1.0 / (self.frequency * self.damping):.5g}"),
             float(f"{self.damping:.5g}"),
         )
+
+    @property
+    def solimp(self) -> tuple[float, ...]:
+        """MuJoCo's impedance at the touch and deep inside, the depth between, m, and two of form."""
+        if not self.hardening:
+            return SOLIMP
+        return (_SOFT_TOUCH, SOLIMP[1], float(f"{self.hardening:.3g}"), *SOLIMP[3:])
 
 
 def foot_geoms(model: Any, requests: Sequence[Request]) -> list[Geoms]:
@@ -92,7 +107,7 @@ def set_contact(model: Any, plain: Any, geoms: Sequence[Geoms], contact: FootCon
     for both in geoms:
         for number in explicit_pairs(model, both):
             model.pair_solref[number] = contact.solref
-            model.pair_solimp[number] = SOLIMP
+            model.pair_solimp[number] = contact.solimp
     model.opt.cone = plain.opt.cone
     model.opt.impratio = plain.opt.impratio
     if contact.impratio:
@@ -120,7 +135,7 @@ def write_contact(source: Any, requests: Sequence[Request], contact: FootContact
     for one, other in geoms:
         both = (names[one], names[other])
         known = [pair for pair in spec.pairs if {pair.geomname1, pair.geomname2} == set(both)]
-        values: dict[str, Any] = {"solref": list(contact.solref), "solimp": list(SOLIMP)}
+        values: dict[str, Any] = {"solref": list(contact.solref), "solimp": list(contact.solimp)}
         # A new <pair> takes nothing from its geoms: what was in force is written into it.
         if not known:
             values |= friction_values(model, (one, other))
@@ -155,19 +170,23 @@ def _onset(model: Any, one: int, other: int) -> float:
     return float(data.contact.includemargin[0])
 
 
-# Springs that are tried: up to this share of 1/h, and dampings, which throw a robot up higher than
-# its model does, or less.
+# Springs that are tried: up to 1/h, beyond which MuJoCo's own step no longer follows them, and
+# dampings, which throw a robot up higher than its model does, or less.
 _GRID = SpringGrid(
-    fastest=0.4,
-    frequencies=8,
-    dampings=tuple(np.geomspace(0.12, 1.4, 8).tolist()),
+    fastest=1.0,
+    frequencies=16,
+    dampings=tuple(np.geomspace(0.05, 1.4, 10).tolist()),
     calming=tuple(np.geomspace(0.4, 4.0, 8).tolist()),
     first=(DROPS[-1], DROPS[len(DROPS) // 2]),
-    first_seconds=SECONDS,
-    nearest_frequencies=15,
-    nearest=8,
-    very_nearest=4,
+    first_seconds=0.6 * SECONDS,
+    nearest_frequencies=16,
+    nearest=2,
+    very_nearest=2,
 )
+# Steps by which a contact that was found nearest to the target is moved on, at most, and the smallest,
+# in steps of the grid.
+_MOVES = 10
+_LEAST_STEP = 0.1
 # Impratios with elliptic cones that are tried for less slip; 0 is the model's own.
 _IMPRATIOS = (0.0, 10.0)
 # Factors of the servos' kp, with their square roots of kd, by which more is tried.
@@ -202,6 +221,8 @@ class PairSearch(ReboundSearch[FootContact]):
         first = write_contact(source, requests, FootContact(100.0, 1.0))
         self._written = ModelDropBench(first.spec, label, requests)
         self._own = ModelDropBench(spec_of(source), label, requests)
+        # Whether a contact lands no worse.
+        self._landing: dict[FootContact, bool] = {}
         super().__init__(self._written, before, target)
 
     @property
@@ -230,9 +251,96 @@ class PairSearch(ReboundSearch[FootContact]):
         """Say whether MuJoCo keeps the time constant, which it raises to two steps."""
         return spring.solref[0] >= _LEAST_STEPS * self.bench.timestep
 
+    def kinds(self, spring: FootContact) -> tuple[FootContact, ...]:
+        """The contact with MuJoCo's own impedance, and one that hardens over its depth."""
+        return spring, replace(spring, hardening=_HARDENING * self.deepest)
+
+    def stop(self, damping: float) -> float:
+        """Way in which a damped spring stops a body, over that without damping: the largest value of
+        the solution x(t) of x'' + 2 ζ w x' + w² x = 0 for x(0) = 0, x'(0) = w.
+        """
+        if damping == 1.0:
+            return math.exp(-1.0)
+        root = math.sqrt(abs(1.0 - damping**2))
+        turn = math.acos(damping) if damping < 1.0 else math.acosh(damping)
+        return math.exp(-damping / root * turn)
+
     def variants(self, spring: FootContact) -> Iterable[FootContact]:
         """The contact with the model's own cone, and with an elliptic one."""
         return [replace(spring, impratio=impratio) for impratio in _IMPRATIOS]
+
+    def nearest_contacts(self) -> Iterator[FootContact]:
+        """Yield contacts that are not worse in short drops and in long ones, and whose rebound is
+        nearer to the target than the model's: the nearest of the grid, moved on in frequency and
+        damping, the nearest first, and then the others of the grid.
+        """
+        feasible = self._feasible(itertools.chain.from_iterable(self._rows()))
+        own = abs(self._untuned.rebound - self.target)
+        nearer = sorted((one for one in feasible if self._miss(one) < own), key=self._miss)
+        varied = itertools.chain.from_iterable(map(self.variants, nearer))
+        landing = filter(self._lands_no_worse, varied)
+        ways = map(self._moved, itertools.islice(landing, self.grid.nearest))
+        moved = dict.fromkeys(itertools.chain.from_iterable(ways))
+        yield from sorted(moved, key=self._miss)
+        yield from landing
+
+    def _moved(self, contact: FootContact) -> list[FootContact]:
+        """The contact, and those over which it is moved in frequency and damping as far as it comes
+        nearer to the target and does not land worse: by compass search (Kolda, Lewis and Torczon
+        2003, SIAM Review 45, 385).
+
+        Steps begin at half the ratio of neighbours in the grid, and are halved where none helps. The
+        edge of what lands no worse is oblique: both may change at once.
+        """
+        way = [contact]
+        size = 0.5
+        for _ in range(_MOVES):
+            nearer = self._step_nearer(way[-1], size)
+            if nearer is not None:
+                way.append(nearer)
+                continue
+            size *= 0.5
+            if size < _LEAST_STEP:
+                break
+        return way
+
+    def _step_nearer(self, contact: FootContact, size: float) -> FootContact | None:
+        """The neighbour of a contact that is nearest to the target, of those that land no worse; None
+        where none is nearer than the contact.
+
+        size: of the step, in steps of the grid.
+        """
+        frequencies = self._frequencies(self.grid.frequencies)
+        faster = (frequencies[1] / frequencies[0]) ** size
+        damped = (self._dampings[1] / self._dampings[0]) ** size
+        neighbours = []
+        for along, across in itertools.product((-1, 0, 1), repeat=2):
+            frequency = contact.frequency * faster**along
+            damping = contact.damping * damped**across
+            moved = replace(contact, frequency=frequency, damping=damping)
+            if self.is_kept(moved) and self._is_no_worse(self._try(moved)):
+                neighbours.append(moved)
+        for moved in sorted(neighbours, key=self._miss):
+            if self._miss(moved) >= self._miss(contact):
+                break
+            if self._lands_no_worse(moved):
+                return moved
+        return None
+
+    def _lands_no_worse(self, contact: FootContact) -> bool:
+        """Say whether no first drop of a contact is worse than that of the model, and none of every
+        second one of its whole test; of these the highest come first, in which most fail.
+        """
+        if contact not in self._landing:
+            self._landing[contact] = self._first_drops_are_no_worse(contact) and all(
+                self._is_no_worse_than_all(drop, contact) for drop in self.bench.drops[-2::-2]
+            )
+        return self._landing[contact]
+
+    def _is_no_worse_than_all(self, drop: RobotDrop, contact: FootContact) -> bool:
+        """Say whether nothing is worse in one drop of a contact than in all of the model as it is."""
+        dropped = self.drop(contact, self.before.seconds, [drop])
+        return not list(dropped.worse_than(self.before, self.target))
 
     def stiffer(self) -> tuple[tuple[float, float], ...]:
         """(factor of kp, largest rebound with it, m) of stiffer servos, until the target is in reach."""

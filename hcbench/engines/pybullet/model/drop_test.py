@@ -31,7 +31,6 @@ from hcbench.sim.drop_test import DropBench, DropMotion, DroppedRobot
 from hcbench.sim.landing import (
     DROPS,
     LATE_S,
-    MANY_REBOUNDS,
     QUANTITIES,
     REBOUNDS,
     REST_SPEED,
@@ -157,18 +156,6 @@ class WorldDropBench(DropBench):
         """Drop the robot with a change of its contacts. seconds: as of `test`."""
         landed = {drop: self._landed(drop, self._seconds(drop, seconds), change) for drop in drops}
         return drop_test(self.robot, landed, seconds)
-
-    def whole_test(self, like: DropTest | None, until_worse: bool = False) -> DropTest:
-        """Make every drop, as `DropBench` does, and those that show how the rebound varies with where
-        in a step the robot touches: at more places than a search saw.
-        """
-        test = super().whole_test(like, until_worse)
-        if test.diverged or not test.phases:
-            return test
-        many = self.test(test.seconds, MANY_REBOUNDS)
-        if many.diverged:
-            return many
-        return replace(test, rebound=many.rebound, spread=many.spread, phases=many.phases)
 
     def with_change(self, change: Change) -> WorldDropBench:
         """The same robot in the same client, with a change of its world in every drop."""
