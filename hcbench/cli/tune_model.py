@@ -497,31 +497,32 @@ def landing_sentences(change: LandingChange) -> list[str]:
                 "rad/s: the contact and the legs together throw it up."
             )
         sentences += _stiffer(change)
-    if change.worse or change.reach is not None:
+    if (change.worse or change.reach is not None) and before.gain > _LIVELY:
         smaller = f"a smaller step, such as {time_step(before.robot.timestep / 4)} s"
-        if before.gain > _LIVELY:
-            gained = f"The robot as it is gains {before.gain:.2g} times m g h as it lands"
-            sentences += [f"{gained}: first take {smaller}.", *change.advice]
-        else:
-            sentences += change.advice or [f"{smaller.capitalize()}, may help."]
-    else:
-        sentences += change.advice
-    return sentences
+        gained = f"The robot as it is gains {before.gain:.2g} times m g h as it lands"
+        sentences.append(f"{gained}: first take {smaller}.")
+    return [*sentences, *change.advice]
 
 
 def _stiffer(change: LandingChange) -> list[str]:
-    """A sentence on whether servos with larger gains reach the rebound that is asked for; none
-    where no other gains were tried. change: with a rebound and the `reach` of settings.
+    """A sentence on whether servos with larger gains have the rebound that is asked for; none where
+    no other gains were tried. change: with the `reach` of settings.
     """
+    from hcbench.sim.landing import kv_factor
+
     assert change.reach is not None
-    assert change.rebound is not None
     if not change.reach.stiffer:
         return []
-    factor, largest = max(change.reach.stiffer, key=lambda one: one[1])
-    reached = f"with kp times {factor:g} (kv times {math.sqrt(factor):.2g}) {1e3 * largest:.3g} mm"
-    if largest >= change.rebound:
-        return [f"Stiffer servos would do: at the touch, {reached}."]
-    return [f"Stiffer servos do not reach it either: at the touch, {reached} at most."]
+    *_, (factor, rebound) = change.reach.stiffer
+    gains = f"kp times {factor:g} and kv times {kv_factor(factor):g}"
+    if math.isnan(rebound):
+        return [
+            f"Stiffer servos, up to {gains}, were tried: no contact that was found has it there."
+        ]
+    return [
+        f"Stiffer servos would do: with {gains} a contact has {1e3 * rebound:.3g} mm, and in all "
+        "drops nothing is worse than with these servos alone. Change the gains and tune again."
+    ]
 
 
 def landing_record(change: LandingChange | None) -> dict[str, Any] | None:
@@ -557,5 +558,6 @@ def landing_error(tuned: TunedModel, change: LandingChange) -> LimitPassed:
         expected = f"{1e3 * change.rebound:.3g} mm with no worse landing"
         if change.reach is None and not change.worse:
             expected = f"{1e3 * change.rebound:.3g} mm at every phase of the step"
-    advice = change.advice[0] if change.advice else "The output says what would help."
-    return LimitPassed(slot, tuned.no_gain, expected, f"Nothing is written. {advice}")
+    nearest = "The output has the nearest setting." if tuned.text else ""
+    advice = change.advice[0] if change.advice else nearest
+    return LimitPassed(slot, tuned.no_gain, expected, f"Nothing is written. {advice}".strip())

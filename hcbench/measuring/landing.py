@@ -25,7 +25,7 @@ from hcbench.measuring.request import (
     read_named,
 )
 from hcbench.sim.capabilities import LandsRobots
-from hcbench.sim.landing import WINDOW_S, DropPlan, Landing, Landings
+from hcbench.sim.landing import ENOUGH_STEPS, WINDOW_S, DropPlan, Landing, Landings, few_steps
 from hcbench.sim.touch import PARTED_S, Touchdowns, TrajectoryTouchdowns
 from hcbench.system.errors import QuantityError, UserError
 from hcbench.system.text import LONGEST_NOTE, number, sanitized, table, time_step, without_empty
@@ -44,7 +44,6 @@ from hcbench.terms.options import (
     Quantity,
 )
 from hcbench.terms.records import LANDING, LANDING_FORCE, LANDING_SPEED_OUT, LANDING_TIME, record
-from hcbench.terms.resolution import STEPS_BY_CHANCE
 from hcbench.terms.units import real_array
 
 HEIGHTS = "1:20:5 cm"
@@ -52,8 +51,6 @@ HEIGHTS = "1:20:5 cm"
 _HIGHEST = 100.0
 # A step (s) is too long for a fall of fewer than ten.
 _SHARE_OF_FALL = 0.1
-# Fewer steps in contact do not resolve it.
-_ENOUGH_STEPS = 20
 # Printed in place of a contact time if the body stays on the floor until the end of the window.
 _STAYS = "stays"
 # Printed between two ends, and what they are.
@@ -201,7 +198,7 @@ def unresolved(landings: Landings) -> list[str]:
         fix = f"a step of {_SHARE_OF_FALL * shortest:.1g} s"
         found.append(f"The step is too long for the fall: {evidence}. Use {fix} or less.")
     gains = [drop for drop in landings.drops if drop.restitution > 1.0 + NOTABLE_GAIN]
-    coarse = [drop for drop in gains if _steps(drop, h) < _ENOUGH_STEPS]
+    coarse = [drop for drop in gains if _steps(drop, h) < ENOUGH_STEPS]
     if coarse:
         worst = max(coarse, key=lambda drop: drop.restitution)
         steps = _steps(worst, h)
@@ -213,19 +210,14 @@ def unresolved(landings: Landings) -> list[str]:
     return found
 
 
-def _few_steps(landings: Landings) -> list[str]:
-    """A list of one sentence, if so few steps of a drop are in contact that e depends by chance on
-    where in a step the contact starts; empty otherwise, and where `unresolved` has a worse warning.
+def _few_steps(landings: Landings) -> tuple[str, ...]:
+    """The sentence of `few_steps` on the drop with the shortest contact; () where `unresolved` has a
+    worse warning.
     """
-    h = landings.timestep
-    fewest = min(_steps(drop, h) for drop in landings.drops)
-    if unresolved(landings) or fewest > STEPS_BY_CHANCE:
-        return []
-    words = "Too few steps in contact: e depends on where in a step the contact starts, by chance"
-    evidence = (
-        f"{fewest:.0f} steps in contact at {time_step(h)} s; {_ENOUGH_STEPS} or more are needed"
-    )
-    return [f"{words}: {evidence}. Use a step of {h * fewest / 60:.1g} s."]
+    if unresolved(landings):
+        return ()
+    shortest = min(_steps(drop, landings.timestep) for drop in landings.drops)
+    return few_steps(shortest * landings.timestep, landings.timestep)
 
 
 def _steps(drop: Landing, timestep: float) -> float:

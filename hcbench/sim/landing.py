@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Annotated, get_type_hints
 import numpy as np
 
 from hcbench.sim.touch import PARTED_S
-from hcbench.system.text import Shown
+from hcbench.system.text import Shown, time_step
 from hcbench.terms.records import LANDING, REBOUND, Field, record
+from hcbench.terms.resolution import STEPS_BY_CHANCE
 
 if TYPE_CHECKING:
     from hcbench.sim.model_under_test import ModelSetting, Vector
@@ -246,6 +247,25 @@ def raised_for(phase: float, height: float, gravity: float, timestep: float) -> 
     return phase * timestep * math.sqrt(2.0 * gravity * height)
 
 
+# Fewer steps in contact do not resolve it.
+ENOUGH_STEPS = 20
+
+
+def few_steps(contact: float, timestep: float) -> tuple[str, ...]:
+    """A sentence with the step to take, where so few steps are in contact that e depends by chance on
+    where in a step the contact starts; () otherwise.
+
+    contact: the shortest of a robot's, s; NaN or infinite where there is none. timestep: s.
+    """
+    steps = contact / timestep
+    if not steps <= STEPS_BY_CHANCE:
+        return ()
+    words = "Too few steps in contact: e depends on where in a step the contact starts, by chance"
+    h = time_step(timestep)
+    evidence = f"{steps:.0f} steps in contact at {h} s; {ENOUGH_STEPS} or more are needed"
+    return (f"{words}: {evidence}. Use a step of {contact / 60:.1g} s.",)
+
+
 def over_phases(landing_at: Callable[[float], Landing]) -> Landing:
     """The landing at the first of PHASES, with those at the others. landing_at: drops at a phase."""
     first, *others = (landing_at(phase) for phase in PHASES)
@@ -466,12 +486,14 @@ class Landed(LandingQuantities):
 
     rebound: height that the centre of mass gains in its highest flight, with the whole robot off
     the floor for longer than chatter, m.
+    contact: time from the touch until the first such flight, or the end of the drop, s.
     sag: way of the centre of mass down from the touch to its rest, m, without what the contacts
     give way.
     fell: whether it ends low.
     """
 
     rebound: float
+    contact: float
     sag: float
     fell: bool
 
@@ -497,9 +519,9 @@ class DropTest(LandingQuantities):
     """A robot dropped from each height, at each tilt and phase: the worst of each quantity, SI.
 
     rebound, spread: mean and largest difference from it over the phases of the flat drops from the
-    largest height, m. frequency: of its legs, rad/s, from how far it sags on them; NaN where it
-    does not rest. fell: whether it falls over in any drop. diverged: whether a drop has no end; the
-    rebound and the quantities are then infinite.
+    largest height, m. contact: the shortest of a drop, s. frequency: of its legs, rad/s, from how
+    far it sags on them; NaN where it does not rest. fell: whether it falls over in any drop.
+    diverged: whether a drop has no end; the rebound and the quantities are then infinite.
     seconds: of the longest drops. drops: their number; flat: of those without a tilt. settled:
     number of drops that are long enough to show how the robot rests; the quantities of rest are
     those of these alone.
@@ -508,6 +530,7 @@ class DropTest(LandingQuantities):
     robot: Robot
     rebound: float
     spread: float
+    contact: float
     frequency: float
     fell: bool
     diverged: bool
@@ -566,13 +589,21 @@ class DropTest(LandingQuantities):
         return rebound > 0.0 and self.spread >= (1.0 - WITHIN) * rebound
 
 
+def kv_factor(factor: float) -> float:
+    """Factor of the servos' kv that goes with one of kp, in the digits that are printed: its root, as
+    the ratio of damping then stays.
+    """
+    return float(f"{math.sqrt(factor):.2g}")
+
+
 @dataclass(frozen=True, slots=True)
 class Reach:
     """Limits of the rebound that a contact of the feet can give a robot.
 
     rebound: the nearest to the target, m, of the model as it is and the settings that were tried and
-    do not land worse. stiffer: (factor of the servos' kp, largest rebound with it at the touch, m),
-    in order; () where none was needed.
+    do not land worse. stiffer: (factor of the servos' kp, rebound with it and a contact that was
+    found, m), in order, up to the first with the target; NaN for those before; () where none was
+    tried. All drops judge that contact: nothing is worse than in the model with these servos.
     """
 
     rebound: float
@@ -610,6 +641,7 @@ def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: f
             robot=robot,
             rebound=math.inf,
             spread=math.inf,
+            contact=math.nan,
             **{each.name: math.inf for each in QUANTITIES},
             frequency=math.nan,
             fell=False,
@@ -643,6 +675,7 @@ def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: f
         robot=robot,
         rebound=mean,
         spread=spread,
+        contact=min(one.contact for one in landed),
         **worst,
         frequency=frequency,
         fell=fell,

@@ -14,10 +14,10 @@ from hcbench.engines.mujoco.backend import (
     forget_resets,
     require_feature,
 )
-from hcbench.engines.mujoco.model.falling import base_of_pairs
+from hcbench.engines.mujoco.model.falling import base_of_pairs, held_names
 from hcbench.engines.mujoco.model.open import as_requested
 from hcbench.engines.mujoco.model.over_floor import OverFloor, hold_pose
-from hcbench.engines.mujoco.model.start_pose import start_pose
+from hcbench.engines.mujoco.model.start_pose import posed_joints, start_pose
 from hcbench.engines.mujoco.model.write_pairs import label_of, spec_of
 from hcbench.sim.drop_test import DropBench, DropMotion, DroppedRobot
 from hcbench.sim.landing import (
@@ -129,9 +129,18 @@ class ModelDropBench(DropBench):
         self._start, _ = start_pose(self.model, request)
         _bend_into_limits(self.model, self._start)
         backend().mj_forward(self.model, self._start)
-        self._controls, controller = hold_pose(self.model, self._start, root)
+        # A rollout begins with the places of mocap bodies and the equalities of the model alone.
+        is_mocap = self.model.body_mocapid >= 0
+        order = self.model.body_mocapid[is_mocap]
+        self.model.body_pos[is_mocap] = self._start.mocap_pos[order]
+        self.model.body_quat[is_mocap] = self._start.mocap_quat[order]
+        self.model.eq_active0[:] = self._start.eq_active
+        posed = posed_joints(self.model, request)
+        self._controls, controller = hold_pose(self.model, self._start, root, posed)
         if bent:
             controller += f"; {bent} joints beyond their limits are bent into them"
+        if self.base.held:
+            controller += f"; it holds {', '.join(held_names(plain, self.base))}"
         self.robot = self._described(label, controller)
         self._data = backend().MjData(self.model)
         self._columns = _SensorColumns.of(self.model)
@@ -180,11 +189,7 @@ class ModelDropBench(DropBench):
         model = self.model
         data = mujoco.MjData(model)
         data.qpos[:] = self._start.qpos
-        for actuator in np.flatnonzero(model.actuator_actnum == 1).tolist():
-            # The filter of a servo that has held the pose for long: it has settled.
-            data.act[model.actuator_actadr[actuator]] = self._controls[actuator]
-        data.mocap_pos[:] = self._start.mocap_pos
-        data.mocap_quat[:] = self._start.mocap_quat
+        data.act[:] = self._start.act
         self.base.tilt(model, data, TILT_AXIS, drop.tilt)
         to_touch = self._over_floor.way_up(data, self.base.rise)
         speed_at_touch = math.sqrt(2.0 * self.gravity * drop.height)

@@ -24,14 +24,14 @@ from hcbench.engines.mujoco.model.bodies import (
     integrator_name,
     volumes,
 )
-from hcbench.engines.mujoco.model.falling import robot_in
+from hcbench.engines.mujoco.model.falling import held_names, robot_in
 from hcbench.engines.mujoco.model.find_pair import contact_in_force, named_pair
 from hcbench.engines.mujoco.model.floor_record import FloorRecord, Point
 from hcbench.engines.mujoco.model.open import copy_state
 from hcbench.engines.mujoco.model.over_floor import Drive, OverFloor, drive_of
 from hcbench.engines.mujoco.model.pair import WithoutContact, restitution_law
 from hcbench.engines.mujoco.model.promises import broken_promise, promise_in
-from hcbench.engines.mujoco.model.start_pose import require_quaternions, start_pose
+from hcbench.engines.mujoco.model.start_pose import posed_joints, require_quaternions, start_pose
 from hcbench.sim.landing import (
     WINDOW_S,
     DropPlan,
@@ -70,7 +70,8 @@ def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) 
         start, start_name = start_pose(model, request, state)
         bench = _Bench(model, start, request.move)
         robot = bench.over_floor
-        drive, controller = drive_of(drops.controller, model, start, robot.root)
+        posed = posed_joints(model, request)
+        drive, controller = drive_of(drops.controller, model, start, robot.root, posed)
         landings = []
         for height, tilt in itertools.product(drops.heights, drops.tilts):
             landing_at = functools.partial(bench.landing, height, tilt, drive)
@@ -156,7 +157,9 @@ class _Bench:
         self.start = start
         self.timestep = float(model.opt.timestep)
         backend().mj_forward(model, start)
-        self.base, self.notes = robot_in(model, start, move)
+        self.base, notes = robot_in(model, start, move)
+        held = held_names(model, self.base)
+        self.notes = [*notes, *([f"It holds {', '.join(held)}, dropped with it."] if held else [])]
         root = self.base.root
         self.over_floor = OverFloor(model, root)
         # RK4 leaves the contacts of its last stage: those of the step's start are computed beside it.
