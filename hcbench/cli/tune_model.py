@@ -61,7 +61,7 @@ def tune_model(
         print_landing(tuned, landing)
         _show_files(tuned, files)
         if tuned.gains:
-            launches = typed_again(given, _kept_by_land(tuned))
+            launches = _same_drops(landing, models) + typed_again(given, _kept_by_land(tuned))
             model = _tested(tuned, written, models)
             show(f"\n{_next_title(tuned, written, models)}\n  hcbench land {model}{launches}")
     else:
@@ -194,6 +194,29 @@ def _not_written(tuned: TunedModel) -> tuple[str, ...]:
 def _kept_by_land(tuned: TunedModel) -> tuple[str, ...]:
     """Names of the options with which `land` drops the robot as `tune` did."""
     return (*_POSE, *_not_written(tuned))
+
+
+def _tilt() -> str:
+    """The tilt of the drops that judge a robot, as `land` takes it."""
+    from hcbench.sim.landing import TILT_AXIS, TILTS
+
+    axis = " ".join(f"{along:g}" for along in TILT_AXIS)
+    return f"{math.degrees(TILTS[-1]):g} deg about {axis}"
+
+
+def _same_drops(change: LandingChange, models: tuple[str, ...]) -> str:
+    """Options with which `land` makes the drops of a table, each with a space before it.
+
+    models: the user's own.
+    """
+    words = ' --heights "2, 5, 10 cm"'
+    # A base that cannot turn is dropped flat.
+    if change.before.flat < change.before.drops:
+        words += f' --tilt "0, {_tilt()}"'
+    # Motors that a world of Python has are left as they are.
+    if is_python(models[0]) and change.before.robot.engine == "pybullet":
+        words += " --controller ctrl"
+    return words
 
 
 def _model(written: Path | None, models: tuple[str, ...]) -> str:
@@ -459,7 +482,7 @@ def landing_sentences(change: LandingChange) -> list[str]:
     help; lengths in mm.
     """
     before = change.before
-    tilted = "flat and tilted by 5 degrees"
+    tilted = f"flat and tilted by {_tilt()}"
     if before.flat == before.drops:
         tilted = "flat alone, as the base cannot turn"
     sentences = [f"The drops are {_DROPS}, {tilted}."]

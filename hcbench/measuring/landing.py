@@ -25,7 +25,15 @@ from hcbench.measuring.request import (
     read_named,
 )
 from hcbench.sim.capabilities import LandsRobots
-from hcbench.sim.landing import ENOUGH_STEPS, WINDOW_S, DropPlan, Landing, Landings, few_steps
+from hcbench.sim.landing import (
+    ENOUGH_STEPS,
+    LAND_AXIS,
+    WINDOW_S,
+    DropPlan,
+    Landing,
+    Landings,
+    few_steps,
+)
 from hcbench.sim.touch import PARTED_S, Touchdowns, TrajectoryTouchdowns
 from hcbench.system.errors import QuantityError, UserError
 from hcbench.system.text import LONGEST_NOTE, number, sanitized, table, time_step, without_empty
@@ -47,6 +55,8 @@ from hcbench.terms.records import LANDING, LANDING_FORCE, LANDING_SPEED_OUT, LAN
 from hcbench.terms.units import real_array
 
 HEIGHTS = "1:20:5 cm"
+# In the text of tilts, before the axis.
+_ABOUT = " about "
 # Highest drop that `land` simulates, m.
 _HIGHEST = 100.0
 # A step (s) is too long for a fall of fewer than ten.
@@ -99,7 +109,8 @@ def land(
     heights : float, text, quantity of Pint's, or several
         Of its lowest point over the floor, m or with a unit.
     tilt : float, text, quantity of Pint's, or several
-        Of its base about the world's y axis, rad or with a unit.
+        Of its base about the world's y axis, rad or with a unit; text may name another axis:
+        "0, 5 deg about 0.6 0.8 0".
     controller : text or function
         What drives the joints: "pd" (position servos and motors hold the pose), "pd:KP,KD" (gains of the
         motors, N m/rad and N m s/rad), "ctrl" (the controls of the pose), "file.py:function", or a function
@@ -139,18 +150,37 @@ def make_drops(
 ) -> DropPlan:
     """Drops from what a user writes: heights, m, tilts, rad, and a controller; text may have units.
 
-    Raises QuantityError for a height outside 0 ... 100 m and for text that is not a quantity,
+    tilt: text may end in "about X Y Z", an axis of the world in place of y. Raises QuantityError for
+    a height outside 0 ... 100 m, for an axis that is none and for text that is not a quantity,
     UserError for a controller that is neither text nor a function.
     """
     high = tuple(units.parse_values(heights, "length", "heights", above=0).tolist())
     if max(high) > _HIGHEST:
         raise QuantityError("heights", f"{max(high):g} m", f"up to {_HIGHEST:g} m")
+    axis = LAND_AXIS
+    if isinstance(tilt, str) and _ABOUT in tilt:
+        tilt, _, named = tilt.partition(_ABOUT)
+        axis = _axis(named)
     tilts = tuple(units.parse_values(tilt, "angle", "tilt").tolist())
     if not isinstance(controller, str) and not callable(controller):
         raise UserError(
             "controller", f"{controller!r:.60}", "pd, ctrl, file.py:function, or a function"
         )
-    return DropPlan(high, tilts, controller)
+    return DropPlan(high, tilts, controller, axis)
+
+
+def _axis(text: str) -> tuple[float, float, float]:
+    """The unit vector along three numbers. Raises QuantityError for other text, and for zeros."""
+    try:
+        x, y, z = map(float, text.replace(",", " ").split())
+    except ValueError:
+        x = y = z = math.nan
+    length = math.hypot(x, y, z)
+    if not 0.0 < length < math.inf:
+        raise QuantityError(
+            "tilt", f"about {text!r:.60}", "three numbers, such as 5 deg about 1 0 0"
+        )
+    return x / length, y / length, z / length
 
 
 def land_job(job: Job, drops: DropPlan, limit: float | None = None) -> Landings:
@@ -179,7 +209,10 @@ def _landed(drops: DropPlan, job: Job) -> Landings:
     if isinstance(drops.controller, str) and is_python(drops.controller):
         drops = dataclasses.replace(drops, controller=python_function(drops.controller))
     landings = engine.land(source, job.request, drops, rebuild)
-    notes = (*landings.notes, *unresolved(landings), *_few_steps(landings))
+    tilted = []
+    if any(drops.tilts) and drops.axis != LAND_AXIS:
+        tilted = [f"The base is tilted about {' '.join(f'{one:g}' for one in drops.axis)}."]
+    notes = (*landings.notes, *tilted, *unresolved(landings), *_few_steps(landings))
     return dataclasses.replace(landings, notes=notes)
 
 

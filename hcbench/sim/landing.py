@@ -32,11 +32,16 @@ _FALL_SHARE = 1.5
 _SLACK_S = 0.2
 
 
+# Axis of the world about which `land` tilts a base where none is named.
+LAND_AXIS = (0.0, 1.0, 0.0)
+
+
 @dataclass(frozen=True, slots=True)
 class DropPlan:
     """Heights, tilts and controller of a robot's drops.
 
-    heights: of its lowest point over the floor at release, m. tilts: of its base about the world's y, rad.
+    heights: of its lowest point over the floor at release, m. tilts: of its base, rad, about the unit
+        vector `axis` of the world.
     controller: "pd", "pd:KP,KD" or "ctrl", or a function of the engine's model and state that returns the
         controls or sets them itself.
     """
@@ -44,6 +49,7 @@ class DropPlan:
     heights: tuple[float, ...]
     tilts: tuple[float, ...] = (0.0,)
     controller: Controller = "pd"
+    axis: tuple[float, float, float] = LAND_AXIS
 
 
 @dataclass(frozen=True, slots=True)
