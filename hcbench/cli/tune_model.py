@@ -539,9 +539,7 @@ def _stiffer(change: LandingChange) -> list[str]:
     *_, (factor, rebound) = change.reach.stiffer
     gains = f"kp times {factor:g} and kv times {kv_factor(factor):g}"
     if math.isnan(rebound):
-        return [
-            f"Stiffer servos, up to {gains}, were tried: no contact that was found has it there."
-        ]
+        return [f"No contact that was found has it with stiffer servos, up to {gains}, either."]
     return [
         f"Stiffer servos would do: with {gains} a contact has {1e3 * rebound:.3g} mm, and in all "
         "drops nothing is worse than with these servos alone. Change the gains and tune again."

@@ -608,7 +608,7 @@ class Reach:
 
     rebound: the nearest to the target, m, of the model as it is and the settings that were tried and
     do not land worse. stiffer: (factor of the servos' kp, rebound with it and a contact that was
-    found, m), in order, up to the first with the target; NaN for those before; () where none was
+    found, m), in order; NaN for those with which none was found; () where none was
     tried. All drops judge that contact: nothing is worse than in the model with these servos.
     """
 

@@ -171,10 +171,9 @@ _GRID = SpringGrid(
 )
 # Impratios with elliptic cones that are tried for less slip; 0 is the model's own.
 _IMPRATIOS = (0.0, 10.0)
-# Factors of the servos' kp by which more is tried. Of those with which the touch alone has the target,
-# so many are judged by all drops, each with so many contacts: as a `tune` of that model would.
+# Factors of the servos' kp by which more is tried. The first with which the touch alone has the target is
+# judged by all drops with so many contacts: they are the first that a `tune` of that model judges.
 _STIFFER = (2.0, 4.0, 8.0, 16.0)
-_STIFFER_JUDGED = 2
 _CONTACTS_JUDGED = 3
 # Fewer iterations of the solver do not hold a foot.
 _ITERATIONS = 20
@@ -241,8 +240,8 @@ class PairSearch(ReboundSearch[FootContact]):
         return [replace(spring, impratio=impratio) for impratio in _IMPRATIOS]
 
     def stiffer(self) -> tuple[tuple[float, float], ...]:
-        """(factor of kp, rebound, m) of stiffer servos that were tried, up to the first with the target;
-        NaN where no contact has it there, or none that lands no worse.
+        """(factor of kp, rebound, m) of stiffer servos that were tried, up to the first with the target at
+        the touch; NaN where no contact has it there, or none that lands no worse.
         """
         return tuple(self._with_stiffer_servos())
 
@@ -252,16 +251,12 @@ class PairSearch(ReboundSearch[FootContact]):
         """
         is_raised = self.target > self.before.rebound
         has_servos = bool((self.plain.actuator_biasprm[:, 1] < 0.0).any())
-        judged = 0
         for factor in _STIFFER if is_raised and has_servos else ():
-            rebound = math.nan
             # The touch alone takes little time, and tells where the target comes into reach.
-            if judged < _STIFFER_JUDGED and self._largest_at_touch(factor) >= self.target:
-                judged += 1
-                rebound = self._judged_with(factor)
-            yield factor, rebound
-            if not math.isnan(rebound):
+            if self._largest_at_touch(factor) >= self.target:
+                yield factor, self._judged_with(factor)
                 break
+            yield factor, math.nan
 
     def _largest_at_touch(self, factor: float) -> float:
         """Largest rebound, m, in short drops of a coarse grid of contacts that are not worse in them,
