@@ -214,7 +214,7 @@ def _same_drops(change: LandingChange, models: tuple[str, ...]) -> str:
     if change.before.flat < change.before.drops:
         words += f' --tilt "0, {_tilt()}"'
     # Motors that a world of Python has are left as they are.
-    if is_python(models[0]) and change.before.robot.engine == "pybullet":
+    if change.before.robot.controller.startswith("the motors of the world"):
         words += " --controller ctrl"
     return words
 

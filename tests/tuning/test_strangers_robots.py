@@ -1,5 +1,5 @@
-"""What a stranger's robots found in `tune` and `land`: advice that was not true, controls of a
-keyframe that were left out, and drops of the two that could not be compared.
+"""Robots of a stranger in `tune` and `land`: advice that was not true, controls of a keyframe that
+were left out, and drops of the two that could not be compared.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ def test_stiffer_servos_are_advised_where_all_drops_have_shown_them() -> None:
 
 
 def test_what_the_touch_alone_promises_is_no_advice(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It promised 55 mm with twice the kp; done so, 58 mm with twice that, and so on."""
+    """Twice the kp was to give 55 mm; done so, twice that was to give 58 mm, and so on."""
     search = PairSearch(QUADRUPED, [make_request(pair) for pair in FEET], before(), 0.09)
     judged: list[float] = []
 
@@ -206,5 +206,5 @@ def test_drops_end_with_the_first_in_which_something_is_worse() -> None:
     ],
 )
 def test_what_servos_did_is_said_in_words(share: float, words: str) -> None:
-    """It said "found -12 of the speed at touch"."""
+    """The cause said "found -12 of the speed at touch"."""
     assert _change_of_approach(share) == f"while the two touched, {words}"

@@ -189,7 +189,7 @@ _DEEPER = 1.5
 
 
 def _change_of_approach(share: float) -> str:
-    """How much of the approach of the two bodies a force took or added while they touched, in words.
+    """Words for the share of the approach that a force took or added while two bodies touched.
 
     share: that it took of the speed at touch; below 0 where it added to it.
     """
