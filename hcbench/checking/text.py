@@ -313,7 +313,7 @@ def _complete(
             update[name] = folder / path
     controller = update.get("controller", entry.options["controller"])
     if is_python(controller):
-        update["controller"] = str(folder / controller)
+        update["controller"] = str(folder / str(controller))
     if is_material_file(entry.options["material"]):
         update["material"] = folder / str(entry.options["material"])
     package = entry.launch["package"] or table.launch["package"]

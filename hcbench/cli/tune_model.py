@@ -64,7 +64,7 @@ def tune_model(
         print_landing(tuned, landing)
         _show_files(tuned, files)
         if tuned.gains:
-            launches = typed_again(given, _kept_by_land(tuned))
+            launches = _same_drops(landing, models) + typed_again(given, _kept_by_land(tuned))
             model = _tested(tuned, written, models)
             show(f"\n{_next_title(tuned, written, models)}\n  hcbench land {model}{launches}")
     else:
@@ -209,6 +209,29 @@ def _not_written(tuned: TunedModel) -> tuple[str, ...]:
 def _kept_by_land(tuned: TunedModel) -> tuple[str, ...]:
     """Names of the options with which `land` drops the robot as `tune` did."""
     return (*_POSE, *_not_written(tuned))
+
+
+def _tilt() -> str:
+    """The tilt of the drops that judge a robot, as `land` takes it."""
+    from hcbench.sim.landing import TILT_AXIS, TILTS
+
+    axis = " ".join(f"{along:g}" for along in TILT_AXIS)
+    return f"{math.degrees(TILTS[-1]):g} deg about {axis}"
+
+
+def _same_drops(change: LandingChange, models: tuple[str, ...]) -> str:
+    """Options with which `land` makes the drops of a table, each with a space before it.
+
+    models: the user's own.
+    """
+    words = ' --heights "2, 5, 10 cm"'
+    # A base that cannot turn is dropped flat.
+    if change.before.flat < change.before.drops:
+        words += f' --tilt "0, {_tilt()}"'
+    # Motors that a world of Python has are left as they are.
+    if change.before.robot.controller.startswith("the motors of the world"):
+        words += " --controller ctrl"
+    return words
 
 
 def _model(written: Path | None, models: tuple[str, ...]) -> str:
@@ -482,7 +505,7 @@ def landing_sentences(change: LandingChange) -> list[str]:
     help; lengths in mm.
     """
     before = change.before
-    tilted = "flat and tilted by 5 degrees"
+    tilted = f"flat and tilted by {_tilt()}"
     if before.flat == before.drops:
         tilted = "flat alone, as the base cannot turn"
     sentences = [f"The drops are {_DROPS}, {tilted}."]
@@ -520,33 +543,30 @@ def landing_sentences(change: LandingChange) -> list[str]:
                 "rad/s: the contact and the legs together throw it up."
             )
         sentences += _stiffer(change)
-    if change.worse or change.reach is not None:
+    if (change.worse or change.reach is not None) and before.gain > _LIVELY:
         smaller = f"a smaller step, such as {time_step(before.robot.timestep / 4)} s"
-        if before.gain > _LIVELY:
-            gained = f"The robot as it is gains {before.gain:.2g} times m g h as it lands"
-            sentences += [f"{gained}: first take {smaller}.", *change.advice]
-        else:
-            sentences += change.advice or [f"{smaller.capitalize()}, may help."]
-    else:
-        sentences += change.advice
-    return sentences
+        gained = f"The robot as it is gains {before.gain:.2g} times m g h as it lands"
+        sentences.append(f"{gained}: first take {smaller}.")
+    return [*sentences, *change.advice]
 
 
 def _stiffer(change: LandingChange) -> list[str]:
-    """A sentence on whether servos with larger gains reach the rebound that is asked for; none
-    where no other gains were tried.
-
-    change: with a rebound and the `reach` of settings.
+    """A sentence on whether servos with larger gains have the rebound that is asked for; none where
+    no other gains were tried. change: with the `reach` of settings.
     """
+    from hcbench.sim.landing import kv_factor
+
     assert change.reach is not None
-    assert change.rebound is not None
     if not change.reach.stiffer:
         return []
-    factor, largest = max(change.reach.stiffer, key=lambda one: one[1])
-    reached = f"with kp times {factor:g} (kv times {math.sqrt(factor):.2g}) {1e3 * largest:.3g} mm"
-    if largest >= change.rebound:
-        return [f"Stiffer servos would do: at the touch, {reached}."]
-    return [f"Stiffer servos do not reach it either: at the touch, {reached} at most."]
+    *_, (factor, rebound) = change.reach.stiffer
+    gains = f"kp times {factor:g} and kv times {kv_factor(factor):g}"
+    if math.isnan(rebound):
+        return [f"No contact that was found has it with stiffer servos, up to {gains}, either."]
+    return [
+        f"Stiffer servos would do: with {gains} a contact has {1e3 * rebound:.3g} mm, and in all "
+        "drops nothing is worse than with these servos alone. Change the gains and tune again."
+    ]
 
 
 def landing_record(change: LandingChange | None) -> dict[str, Any] | None:
@@ -582,5 +602,6 @@ def landing_error(tuned: TunedModel, change: LandingChange) -> LimitPassed:
         expected = f"{1e3 * change.rebound:.3g} mm with no worse landing"
         if change.reach is None and not change.worse:
             expected = f"{1e3 * change.rebound:.3g} mm at every phase of the step"
-    advice = change.advice[0] if change.advice else "The output says what would help."
-    return LimitPassed(slot, tuned.no_gain, expected, f"Nothing is written. {advice}")
+    nearest = "The output has the nearest setting." if tuned.text else ""
+    advice = change.advice[0] if change.advice else nearest
+    return LimitPassed(slot, tuned.no_gain, expected, f"Nothing is written. {advice}".strip())

@@ -25,7 +25,15 @@ from hcbench.measuring.request import (
     read_named,
 )
 from hcbench.sim.capabilities import LandsRobots
-from hcbench.sim.landing import WINDOW_S, DropPlan, Landing, Landings
+from hcbench.sim.landing import (
+    ENOUGH_STEPS,
+    LAND_AXIS,
+    WINDOW_S,
+    DropPlan,
+    Landing,
+    Landings,
+    few_steps,
+)
 from hcbench.sim.touch import PARTED_S, Touchdowns, TrajectoryTouchdowns
 from hcbench.system.errors import QuantityError, UserError
 from hcbench.system.text import LONGEST_NOTE, number, sanitized, table, time_step, without_empty
@@ -44,16 +52,15 @@ from hcbench.terms.options import (
     Quantity,
 )
 from hcbench.terms.records import LANDING, LANDING_FORCE, LANDING_SPEED_OUT, LANDING_TIME, record
-from hcbench.terms.resolution import STEPS_BY_CHANCE
 from hcbench.terms.units import real_array
 
 HEIGHTS = "1:20:5 cm"
+# In the text of tilts, before the axis.
+_ABOUT = " about "
 # Highest drop that `land` simulates, m.
 _HIGHEST = 100.0
 # A step (s) is too long for a fall of fewer than ten.
 _SHARE_OF_FALL = 0.1
-# Fewer steps in contact do not resolve it.
-_ENOUGH_STEPS = 20
 # Printed in place of a contact time if the body stays on the floor until the end of the window.
 _STAYS = "stays"
 # Printed between two ends, and what they are.
@@ -102,7 +109,8 @@ def land(
     heights : float, text, quantity of Pint's, or several
         Of its lowest point over the floor, m or with a unit.
     tilt : float, text, quantity of Pint's, or several
-        Of its base about the world's y axis, rad or with a unit.
+        Of its base about the world's y axis, rad or with a unit; text may name another axis:
+        "0, 5 deg about 0.6 0.8 0".
     controller : text or function
         What drives the joints: "pd" (position servos and motors hold the pose), "pd:KP,KD" (gains of the
         motors, N m/rad and N m s/rad), "ctrl" (the controls of the pose), "file.py:function", or a function
@@ -142,18 +150,37 @@ def make_drops(
 ) -> DropPlan:
     """Drops from what a user writes: heights, m, tilts, rad, and a controller; text may have units.
 
-    Raises QuantityError for a height outside 0 ... 100 m and for text that is not a quantity,
-    UserError for a controller that is neither text nor a function.
+    tilt: text may end in "about X Y Z", an axis of the world in place of y.
+    Raises QuantityError for a height outside 0 ... 100 m, for an axis that is none and for text
+    that is not a quantity, UserError for a controller that is neither text nor a function.
     """
     high = tuple(units.parse_values(heights, "length", "heights", above=0).tolist())
     if max(high) > _HIGHEST:
         raise QuantityError("heights", f"{max(high):g} m", f"up to {_HIGHEST:g} m")
+    axis = LAND_AXIS
+    if isinstance(tilt, str) and _ABOUT in tilt:
+        tilt, _, named = tilt.partition(_ABOUT)
+        axis = _axis(named)
     tilts = tuple(units.parse_values(tilt, "angle", "tilt").tolist())
     if not isinstance(controller, str) and not callable(controller):
         raise UserError(
             "controller", f"{controller!r:.60}", "pd, ctrl, file.py:function, or a function"
         )
-    return DropPlan(high, tilts, controller)
+    return DropPlan(high, tilts, controller, axis)
+
+
+def _axis(text: str) -> tuple[float, float, float]:
+    """The unit vector along three numbers. Raises QuantityError for other text, and for zeros."""
+    try:
+        x, y, z = map(float, text.replace(",", " ").split())
+    except ValueError:
+        x = y = z = math.nan
+    length = math.hypot(x, y, z)
+    if not 0.0 < length < math.inf:
+        raise QuantityError(
+            "tilt", f"about {text!r:.60}", "three numbers, such as 5 deg about 1 0 0"
+        )
+    return x / length, y / length, z / length
 
 
 def land_job(job: Job, drops: DropPlan, limit: float | None = None) -> Landings:
@@ -183,7 +210,10 @@ def _landed(drops: DropPlan, job: Job) -> Landings:
     if isinstance(drops.controller, str) and is_python(drops.controller):
         drops = dataclasses.replace(drops, controller=python_function(drops.controller))
     landings = engine.land(source, job.request, drops, rebuild)
-    notes = (*landings.notes, *unresolved(landings), *_few_steps(landings))
+    tilted = []
+    if any(drops.tilts) and drops.axis != LAND_AXIS:
+        tilted = [f"The base is tilted about {' '.join(f'{one:g}' for one in drops.axis)}."]
+    notes = (*landings.notes, *tilted, *unresolved(landings), *_few_steps(landings))
     return dataclasses.replace(landings, notes=notes)
 
 
@@ -202,7 +232,7 @@ def unresolved(landings: Landings) -> list[str]:
         fix = f"a step of {_SHARE_OF_FALL * shortest:.1g} s"
         found.append(f"The step is too long for the fall: {evidence}. Use {fix} or less.")
     gains = [drop for drop in landings.drops if drop.restitution > 1.0 + NOTABLE_GAIN]
-    coarse = [drop for drop in gains if _steps(drop, h) < _ENOUGH_STEPS]
+    coarse = [drop for drop in gains if _steps(drop, h) < ENOUGH_STEPS]
     if coarse:
         worst = max(coarse, key=lambda drop: drop.restitution)
         steps = _steps(worst, h)
@@ -215,20 +245,14 @@ def unresolved(landings: Landings) -> list[str]:
     return found
 
 
-def _few_steps(landings: Landings) -> list[str]:
-    """A list of one sentence, if so few steps of a drop are in contact that e depends by chance on
-    where in a step the contact starts; empty otherwise, and where `unresolved` has a worse warning.
+def _few_steps(landings: Landings) -> tuple[str, ...]:
+    """The sentence of `few_steps` on the drop with the shortest contact; () where `unresolved` has a
+    worse warning.
     """
-    h = landings.timestep
-    fewest = min(_steps(drop, h) for drop in landings.drops)
-    if unresolved(landings) or fewest > STEPS_BY_CHANCE:
-        return []
-    words = "Too few steps in contact: e depends on where in a step the contact starts, by chance"
-    evidence = (
-        f"{fewest:.0f} steps in contact at {time_step(h)} s; {_ENOUGH_STEPS} or more are needed"
-    )
-    # With it the shortest contact takes 60 steps, well above the 20 that are needed.
-    return [f"{words}: {evidence}. Use a step of {h * fewest / 60:.1g} s."]
+    if unresolved(landings):
+        return ()
+    shortest = min(_steps(drop, landings.timestep) for drop in landings.drops)
+    return few_steps(shortest * landings.timestep, landings.timestep)
 
 
 def _steps(drop: Landing, timestep: float) -> float:

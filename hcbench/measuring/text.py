@@ -248,22 +248,24 @@ def _shares_note(measurement: Measurement) -> list[str]:
             # Each is small, and together they are not.
             strong = [name for name, share in others.items() if share]
         return [f"While the two touch, more than their contact acts: {', '.join(strong)}."]
-    against = []
-    along = []
+    pressing: list[str] = []
+    parting: list[str] = []
     for name, of_speed in others.items():
         share = of_speed / contact
-        if share <= -NOTABLE_SHARE:
-            against.append(f"{-100 * share:.0f} % by {name}")
-        elif share >= NOTABLE_SHARE:
-            along.append(f"{100 * share:.0f} % by {name}")
+        if abs(share) >= NOTABLE_SHARE:
+            kind = pressing if share < 0.0 else parting
+            kind.append(f"{name} {abs(100 * share):.0f} %")
     parts = []
-    if against:
-        parts.append(f"taken up: {', '.join(against)}")
-    if along:
-        parts.append(f"added to: {', '.join(along)}")
+    if pressing:
+        parts.append(f"they press the two together: {', '.join(pressing)}")
+    if parting:
+        parts.append(f"they push the two apart: {', '.join(parting)}")
     if not parts:
         return []
-    return [f"While the two touch, the impulse of their contact is {'; '.join(parts)}."]
+    shares = "; ".join(parts)
+    return [
+        f"Other forces act while the two touch. In % of the impulse of their contact, {shares}."
+    ]
 
 
 def _along_lines(measurement: Measurement) -> list[str]:

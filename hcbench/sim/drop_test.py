@@ -140,10 +140,12 @@ class DroppedRobot:
         flights = _flights(pushes, touch, self.timestep)
         rising = motion.velocity @ self.up
         fastest = max((float(rising[start]) for start, _ in flights), default=0.0)
+        left = flights[0][0] if flights else len(pushes)
         end = self._settling(motion, touch, flights)
         return Landed(
             # The height that a throw at this speed reaches.
             rebound=max(fastest, 0.0) ** 2 / (2.0 * self.gravity),
+            contact=(left - touch) * self.timestep,
             peak=float(motion.force.max()) / self.weight,
             depth=-float(motion.distance.min()),
             gain=_gain(motion.energy, touch, flights) / (self.weight * height),

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Annotated, get_type_hints
 import numpy as np
 
 from hcbench.sim.touch import PARTED_S
-from hcbench.system.text import Shown
+from hcbench.system.text import Shown, time_step
 from hcbench.terms.records import LANDING, REBOUND, Field, record
+from hcbench.terms.resolution import STEPS_BY_CHANCE
 
 if TYPE_CHECKING:
     from hcbench.sim.model_under_test import ModelSetting, Vector
@@ -31,11 +32,16 @@ _FALL_SHARE = 1.5
 _SLACK_S = 0.2
 
 
+# Axis of the world about which `land` tilts a base where none is named.
+LAND_AXIS = (0.0, 1.0, 0.0)
+
+
 @dataclass(frozen=True, slots=True)
 class DropPlan:
     """Heights, tilts and controller of a robot's drops.
 
-    heights: of its lowest point over the floor at release, m. tilts: of its base about the world's y, rad.
+    heights: of its lowest point over the floor at release, m. tilts: of its base, rad, about the unit
+        vector `axis` of the world.
     controller: "pd", "pd:KP,KD" or "ctrl", or a function of the engine's model and state that returns the
         controls or sets them itself.
     """
@@ -43,6 +49,7 @@ class DropPlan:
     heights: tuple[float, ...]
     tilts: tuple[float, ...] = (0.0,)
     controller: Controller = "pd"
+    axis: tuple[float, float, float] = LAND_AXIS
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +186,8 @@ class Landings(Shown):
 class FootfallLog:
     """Adds up what one part does on the floor, step by step.
 
-    touch: time of its first touch, s. speed, slide: then, towards the floor and along it, m/s.
+    touch: time of its first touch, s.
+    speed, slide: then, towards the floor and along it, m/s.
     by_impulses: impulses turn it back, which have no force.
     contact: s until it first left. bounces: touches after that. slip: way along the floor, m.
     penetration: deepest, m. force_max: largest force, N; NaN of impulses.
@@ -190,8 +198,9 @@ class FootfallLog:
     ) -> None:
         """Begin with the first touch of a part.
 
-        touch: time, s. speed, slide: then, towards the floor and along it, m/s. by_impulses: a
-        plug-in's law turns the part back by impulses, which have no force.
+        touch: time, s.
+        speed, slide: then, towards the floor and along it, m/s.
+        by_impulses: a plug-in's law turns the part back by impulses, which have no force.
         """
         self.touch = touch
         self.speed = speed
@@ -207,8 +216,11 @@ class FootfallLog:
     def add(self, time: float, step: float, force: float, slide: float, depth: float) -> None:
         """Add one step in which the floor pushed.
 
-        time: of the step's start, s. step: its length, s. force: along the normal, N.
-        slide: speed along the floor, m/s. depth: penetration, m.
+        time: of the step's start, s.
+        step: its length, s.
+        force: along the normal, N.
+        slide: speed along the floor, m/s.
+        depth: penetration, m.
         """
         # A shorter gap is chatter, not a bounce.
         if time - self._last > PARTED_S:
@@ -231,8 +243,8 @@ class FootfallLog:
 def latest_touch(height: float, gravity: float) -> float:
     """Time after release, s, at which a robot that has not touched a floor meets none.
 
-    height: of its lowest point over the floor, m. gravity: m/s². Legs that its controller moves may
-    touch later than a free fall does.
+    height: of its lowest point over the floor, m.
+    gravity: m/s². Legs that its controller moves may touch later than a free fall does.
     """
     return _FALL_SHARE * math.sqrt(2.0 * height / gravity) + _SLACK_S
 
@@ -246,6 +258,26 @@ def raised_for(phase: float, height: float, gravity: float, timestep: float) -> 
     return phase * timestep * math.sqrt(2.0 * gravity * height)
 
 
+# Fewer steps in contact do not resolve it.
+ENOUGH_STEPS = 20
+
+
+def few_steps(contact: float, timestep: float) -> tuple[str, ...]:
+    """A sentence with the step to take, where so few steps are in contact that e depends by chance on
+    where in a step the contact starts; () otherwise.
+
+    contact: the shortest of a robot's, s; NaN or infinite where there is none.
+    timestep: s.
+    """
+    steps = contact / timestep
+    if not steps <= STEPS_BY_CHANCE:
+        return ()
+    words = "Too few steps in contact: e depends on where in a step the contact starts, by chance"
+    h = time_step(timestep)
+    evidence = f"{steps:.0f} steps in contact at {h} s; {ENOUGH_STEPS} or more are needed"
+    return (f"{words}: {evidence}. Use a step of {contact / 60:.1g} s.",)
+
+
 def over_phases(landing_at: Callable[[float], Landing]) -> Landing:
     """The landing at the first of PHASES, with those at the others. landing_at: drops at a phase."""
     first, *others = (landing_at(phase) for phase in PHASES)
@@ -256,8 +288,10 @@ def take_off_speed(force: Floats, rising: Floats, step: float) -> float:
     """The largest upward speed with which the whole robot leaves the floor for PARTED_S or longer,
     m/s; 0 where it never does.
 
-    force: of the floor, N, (n,). rising: upward speed of the centre of mass, m/s, (n,). Both are at
-    the start of each step from the first touch on. step: s.
+    force: of the floor, N, (n,).
+    rising: upward speed of the centre of mass, m/s, (n,). Both are at the start of each step from
+    the first touch on.
+    step: s.
     """
     # True in steps in which the robot is off the floor, and after the last one.
     is_off = np.append(force <= 0.0, True)
@@ -316,9 +350,11 @@ MANY_REBOUNDS = tuple(RobotDrop(max(HEIGHTS), 0.0, place / 12) for place in rang
 class LandedQuantity:
     """A quantity of a landing that a setting of the feet may not make worse.
 
-    field: its key, SI unit and meaning in JSON. title, unit: as it is printed.
-    slack: a growth that always will do, SI. share: times what it was, above which more growth is
-    worse; rebound_share: the same where a rebound was asked for, which takes force and way.
+    field: its key, SI unit and meaning in JSON.
+    title, unit: as it is printed.
+    slack: a growth that always will do, SI.
+    share: times what it was, above which more growth is worse; rebound_share: the same where a
+    rebound was asked for, which takes force and way.
     name: of the attribute of `LandingQuantities`.
     """
 
@@ -477,12 +513,14 @@ class Landed(LandingQuantities):
 
     rebound: height that the centre of mass gains in its highest flight, with the whole robot off
     the floor for longer than chatter, m.
+    contact: time from the touch until the first such flight, or the end of the drop, s.
     sag: way of the centre of mass down from the touch to its rest, m, without what the contacts
     give way.
     fell: whether it ends low.
     """
 
     rebound: float
+    contact: float
     sag: float
     fell: bool
 
@@ -491,7 +529,8 @@ class Landed(LandingQuantities):
 class Robot:
     """A robot that is dropped. model: what to call its file. name: of its base. mass: kg. timestep: s.
 
-    gravity: m/s². controller: what holds its joints, in words.
+    gravity: m/s².
+    controller: what holds its joints, in words.
     """
 
     engine: str
@@ -508,17 +547,22 @@ class DropTest(LandingQuantities):
     """A robot dropped from each height, at each tilt and phase: the worst of each quantity, SI.
 
     rebound, spread: mean and largest difference from it over the phases of the flat drops from the
-    largest height, m. frequency: of its legs, rad/s, from how far it sags on them; NaN where it
-    does not rest. fell: whether it falls over in any drop. diverged: whether a drop has no end; the
-    rebound and the quantities are then infinite.
-    seconds: of the longest drops. drops: their number; flat: of those without a tilt. phases:
-    number of drops of which the rebound is the mean. settled: number of drops that are long enough
-    to show how the robot rests; the quantities of rest are those of these alone.
+    largest height, m.
+    contact: the shortest of a drop, s.
+    frequency: of its legs, rad/s, from how far it sags on them; NaN where it does not rest.
+    fell: whether it falls over in any drop.
+    diverged: whether a drop has no end; the rebound and the quantities are then infinite.
+    seconds: of the longest drops.
+    drops: their number; flat: of those without a tilt.
+    phases: number of drops of which the rebound is the mean.
+    settled: number of drops that are long enough to show how the robot rests; the quantities of
+    rest are those of these alone.
     """
 
     robot: Robot
     rebound: float
     spread: float
+    contact: float
     frequency: float
     fell: bool
     diverged: bool
@@ -545,8 +589,8 @@ class DropTest(LandingQuantities):
         """Yield a phrase for each quantity of the landing that is worse than before: that grew
         beyond the share of what it was and beyond the slack, both as `QUANTITIES` states them.
 
-        before: the landing to compare with. rebound: the target, m; 0 for none: for a rebound some
-        quantities may grow more.
+        before: the landing to compare with.
+        rebound: the target, m; 0 for none: for a rebound some quantities may grow more.
         """
         if self.diverged:
             yield "the simulation diverges"
@@ -577,13 +621,22 @@ class DropTest(LandingQuantities):
         return rebound > 0.0 and self.spread >= (1.0 - WITHIN) * rebound
 
 
+def kv_factor(factor: float) -> float:
+    """Factor of the servos' kv that goes with one of kp, in the digits that are printed: its root, as
+    the ratio of damping then stays.
+    """
+    return float(f"{math.sqrt(factor):.2g}")
+
+
 @dataclass(frozen=True, slots=True)
 class Reach:
     """Limits of the rebound that a contact of the feet can give a robot.
 
-    rebound: the nearest to the target, m, of the model as it is and the settings that were tried and
-    do not land worse. stiffer: (factor of the servos' kp, largest rebound with it at the touch, m),
-    in order; () where none was needed.
+    rebound: the nearest to the target, m, of the model as it is and the settings that were tried
+    and do not land worse.
+    stiffer: (factor of the servos' kp, rebound with it and a contact that was found, m), in order;
+    NaN for those with which none was found; () where none was tried. All drops judge that contact:
+    nothing is worse than in the model with these servos.
     """
 
     rebound: float
@@ -594,10 +647,12 @@ class Reach:
 class ReboundSettings:
     """Settings that an engine finds for a rebound, each computed when it is asked for.
 
-    meeting: settings that have it in some drops, the most promising first. nearest: settings whose
-    rebounds are nearest to it, the nearest first, and with which no drop of the search lands worse.
+    meeting: settings that have it in some drops, the most promising first.
+    nearest: settings whose rebounds are nearest to it, the nearest first, and with which no drop of
+    the search lands worse.
     trading: settings with a rebound nearer to it than the model's, with which something lands
-    worse, those with the least first. stiffer: see `Reach`.
+    worse, those with the least first.
+    stiffer: see `Reach`.
     advice: sentences on options of the model that spoil every landing.
     """
 
@@ -612,8 +667,8 @@ def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: f
     """Join the landings of one robot's drops to one test: the worst of each quantity, and the mean
     rebound of the drops without tilt from the largest height.
 
-    drops: one or more; None for a drop that diverged, which makes all numbers infinite. seconds: of
-    the longest. The rebound is NaN without drops that have no tilt.
+    drops: one or more; None for a drop that diverged, which makes all numbers infinite.
+    seconds: of the longest. The rebound is NaN without drops that have no tilt.
     """
     landed = [each for each in drops.values() if each is not None]
     if len(landed) < len(drops):
@@ -621,6 +676,7 @@ def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: f
             robot=robot,
             rebound=math.inf,
             spread=math.inf,
+            contact=math.nan,
             **{each.name: math.inf for each in QUANTITIES},
             frequency=math.nan,
             fell=False,
@@ -655,6 +711,7 @@ def drop_test(robot: Robot, drops: Mapping[RobotDrop, Landed | None], seconds: f
         robot=robot,
         rebound=mean,
         spread=spread,
+        contact=min(one.contact for one in landed),
         **worst,
         frequency=frequency,
         fell=fell,

@@ -134,8 +134,8 @@ class ReboundSearch(ABC, Generic[Spring]):
         return 1.0
 
     def stiffer(self) -> tuple[tuple[float, float], ...]:
-        """(factor of kp, largest rebound with it, m) of stiffer servos, until the target is in reach;
-        () where an engine tries none.
+        """(factor of kp, rebound, m) of stiffer servos that were tried, see `Reach`; () where an engine
+        tries none.
         """
         return ()
 

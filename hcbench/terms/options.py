@@ -207,7 +207,8 @@ class MotionOptions(TypedDict, total=False):
         Quantities | None, Option("Heights to drop a robot from.  [default: 1:20:5 cm]", "HEIGHTS")
     ]
     tilt: Annotated[
-        Quantities | None, Option("Tilts of its base about y, such as '0, 10 deg'.", "ANGLES")
+        Quantities | None,
+        Option("Tilts of its base about y, or '0, 5 deg about 0.6 0.8 0'.", "ANGLES"),
     ]
     controller: Annotated[
         str | None,

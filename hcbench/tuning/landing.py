@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from hcbench.sim.landing import DropTest, Reach
+from hcbench.sim.landing import DropTest, Reach, few_steps
 from hcbench.sim.model_under_test import ModelSetting, Texts
 from hcbench.sim.rest import UNKNOWN
 from hcbench.system.errors import UserError
@@ -132,5 +132,5 @@ def _tuned(setting: ModelSetting | None, change: LandingChange, output: Output) 
     if setting is not None:
         name = setting.name
         texts = setting.texts((), output)
-        notes = setting.notes
+        notes = (*setting.notes, *few_steps(change.after.contact, change.after.robot.timestep))
     return TunedModel(name, texts, notes, (), (), UNKNOWN, UNKNOWN, landing=change)

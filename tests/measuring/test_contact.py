@@ -213,8 +213,10 @@ def test_what_servos_do_while_a_foot_touches_is_said_to_its_end() -> None:
         robot, "left_front_foot,floor", speeds="0.1, 1", contact=True, diagnose=False, rest=False
     )
     said = " ".join(as_text(found).split())
-    (words,) = re.findall(r"the impulse of their contact is taken up: (.*?)\. ", said)
-    taken = {name: int(share) for share, name in re.findall(r"(\d+) % by ([a-z ]+)", words)}
+    (words,) = re.findall(
+        r"In % of the impulse of their contact, they press the two together: (.*?)\. ", said
+    )
+    taken = {name: int(share) for name, share in re.findall(r"([a-z][a-z ]+) (\d+) %", words)}
     assert {"actuators", "gravity and motion of the links"} <= taken.keys()
     assert 90 < sum(taken.values()) <= 101  # of a foot that stays: hardly any turns its speed
     assert "stiffness, N/m" in said

@@ -44,9 +44,11 @@ class Base:
 
     root: number of the root body of the tree.
     slide: number of the slide by which it falls, None for a free joint.
-    rise: velocities of the model that raise the tree by 1 m/s without turning it, (nv,).
+    rise: velocities of the model that raise the tree by 1 m/s without turning it, (nv,), with what
+    it holds.
     turns_by: number of the joint by which it tilts, None where it cannot turn.
     has_joints: whether the tree has joints beside those of its base.
+    held: numbers of the free joints of bodies that it holds, which rise and tilt with it.
     """
 
     root: int
@@ -54,6 +56,7 @@ class Base:
     rise: Floats
     turns_by: int | None
     has_joints: bool
+    held: tuple[int, ...] = ()
 
     def lift(self, model: Any, data: Any, height: float) -> None:
         """Raise the tree in the pose of `data` by a height, m; below 0 to lower it."""
@@ -102,12 +105,16 @@ class Base:
         address = int(model.jnt_qposadr[joint])
         kind = int(model.jnt_type[joint])
         mujoco.mj_kinematics(model, data)
+        turn = np.zeros(4)
         if kind == int(mujoco.mjtJoint.mjJNT_HINGE):
             is_opposite = float(data.xaxis[joint] @ np.array(axis)) < 0.0
-            data.qpos[address] += -angle if is_opposite else angle
+            by = -angle if is_opposite else angle
+            mujoco.mju_axisAngle2Quat(turn, data.xaxis[joint], by)
+            self._tilt_held(model, data, turn)
+            data.qpos[address] += by
             return
-        turn = np.zeros(4)
         mujoco.mju_axisAngle2Quat(turn, np.array(axis), angle)
+        self._tilt_held(model, data, turn)
         if kind == int(mujoco.mjtJoint.mjJNT_FREE):
             address += 3
         attitude = data.qpos[address : address + 4]
@@ -116,6 +123,25 @@ class Base:
         turned = np.zeros(4)
         mujoco.mju_mulQuat(turned, turn, attitude.copy())
         attitude[:] = turned
+
+    def _tilt_held(self, model: Any, data: Any, turn: Floats) -> None:
+        """Turn what the tree holds about the anchor of the joint by which it tilts.
+
+        data: MjData with the kinematics.
+        turn: quaternion w x y z in the world, (4,).
+        """
+        mujoco = backend()
+        anchor = data.xanchor[self.turns_by]
+        for joint in self.held:
+            address = int(model.jnt_qposadr[joint])
+            place = data.qpos[address : address + 3]
+            arm = np.zeros(3)
+            mujoco.mju_rotVecQuat(arm, place - anchor, turn)
+            place[:] = anchor + arm
+            attitude = data.qpos[address + 3 : address + 7]
+            turned = np.zeros(4)
+            mujoco.mju_mulQuat(turned, turn, attitude.copy())
+            attitude[:] = turned
 
 
 def _in_frame_of_ball(model: Any, data: Any, joint: int, turn: Floats) -> Floats:
@@ -176,9 +202,44 @@ def base_of(model: Any, start: Any, root: int) -> Base:
         leaning = [each for each in hinges if abs(float(start.xaxis[each] @ up)) < _STEEP]
         turning = of_kind.get(int(kinds.mjJNT_BALL), []) + leaning
     in_tree = int((model.body_rootid[model.jnt_bodyid] == root).sum())
-    base = Base(root, slide, rise, next(iter(turning), None), in_tree > len(joints))
+    held = _held_joints(model, start, root)
+    for joint in held:
+        dof = int(model.jnt_dofadr[joint])
+        rise[dof : dof + 3] = up
+    base = Base(root, slide, rise, next(iter(turning), None), in_tree > len(joints), held)
     _require_fall(model, start, base, up)
     return base
+
+
+def _held_joints(model: Any, start: Any, root: int) -> tuple[int, ...]:
+    """Numbers of the free joints of loose bodies that a tree holds in the pose: they touch it, and
+    nothing that stands still.
+
+    start: MjData of the pose, with its contacts.
+    root: number of the tree's root body.
+    """
+    held = set()
+    on_floor = set()
+    for contact in start.contact:
+        if contact.efc_address < 0:
+            continue
+        bodies = model.geom_bodyid[contact.geom]
+        one, other = model.body_rootid[bodies].tolist()
+        if root in (one, other):
+            held.add(other if one == root else one)
+        if not model.body_weldid[bodies].all():
+            on_floor |= {one, other}
+    joints = []
+    for body in sorted(held - on_floor - {root}):
+        joint = int(model.body_jntadr[body])
+        if joint >= 0 and int(model.jnt_type[joint]) == int(backend().mjtJoint.mjJNT_FREE):
+            joints.append(joint)
+    return tuple(joints)
+
+
+def held_names(model: Any, base: Base) -> list[str]:
+    """Names of the bodies that a tree holds."""
+    return [repr(body_name(model, int(model.jnt_bodyid[joint]))) for joint in base.held]
 
 
 def _no_fall(model: Any, root: int, why: str) -> UserError:
@@ -388,8 +449,8 @@ def _bodies_of_tendon(model: Any, tendon: int) -> set[int]:
 def _choice(model: Any, falling: Sequence[Base], held: set[int]) -> Iterator[str]:
     """Sentences on how the robot was chosen; none where it is the only one.
 
-    falling: trees that fall, the robot first. held: numbers of the root bodies of trees that
-    actuators drive and that do not fall.
+    falling: trees that fall, the robot first.
+    held: numbers of the root bodies of trees that actuators drive and that do not fall.
     """
     robot, *others = (body_name(model, base.root) for base in falling)
     if held and falling[0].root not in _driven_roots(model):

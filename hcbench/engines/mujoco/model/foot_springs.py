@@ -32,7 +32,7 @@ from hcbench.engines.mujoco.model.write_pairs import (
     taken_pairs,
     texts_of,
 )
-from hcbench.sim.landing import DROPS, SECONDS, DropTest, ReboundSettings
+from hcbench.sim.landing import DROPS, SECONDS, DropTest, ReboundSettings, kv_factor
 from hcbench.sim.model_under_test import ModelSetting, Texts
 from hcbench.sim.rebound_search import FootSpring, ReboundSearch, SpringGrid
 from hcbench.system.text import joined_names
@@ -189,8 +189,10 @@ _MOVES = 10
 _LEAST_STEP = 0.1
 # Impratios with elliptic cones that are tried for less slip; 0 is the model's own.
 _IMPRATIOS = (0.0, 10.0)
-# Factors of the servos' kp, with their square roots of kd, by which more is tried.
+# Factors of the servos' kp by which more is tried. The first with which the touch alone has the target is
+# judged by all drops with so many contacts: they are the first that a `tune` of that model judges.
 _STIFFER = (2.0, 4.0, 8.0, 16.0)
+_CONTACTS_JUDGED = 3
 # Fewer iterations of the solver do not hold a foot.
 _ITERATIONS = 20
 
@@ -217,6 +219,8 @@ class PairSearch(ReboundSearch[FootContact]):
         self.plain = spec_of(source).compile()
         self.geoms = foot_geoms(self.plain, requests)
         label = label_of(source)
+        self._source = source
+        self._requests = requests
         # With <pair>s, whose numbers the search sets.
         first = write_contact(source, requests, FootContact(100.0, 1.0))
         self._written = ModelDropBench(first.spec, label, requests)
@@ -343,34 +347,84 @@ class PairSearch(ReboundSearch[FootContact]):
         return not list(dropped.worse_than(self.before, self.target))
 
     def stiffer(self) -> tuple[tuple[float, float], ...]:
-        """(factor of kp, largest rebound with it, m) of stiffer servos, until the target is in reach."""
+        """(factor of kp, rebound, m) of stiffer servos that were tried, up to the first with the target at
+        the touch; NaN where no contact has it there, or none that lands no worse.
+        """
         return tuple(self._with_stiffer_servos())
 
     def _with_stiffer_servos(self) -> Iterator[tuple[float, float]]:
-        """Find how much stiffer servos would bring the target in reach: yield (factor of kp, largest
-        rebound, m, of contacts that are not worse in short drops), until that reaches the target.
+        """Yield them; nothing for a model without servos of its own, and for a target below the rebound
+        of the model as it is.
+        """
+        is_raised = self.target > self.before.rebound
+        has_servos = bool((self.plain.actuator_biasprm[:, 1] < 0.0).any())
+        for factor in _STIFFER if is_raised and has_servos else ():
+            # The touch alone takes little time, and tells where the target comes into reach.
+            if self._largest_at_touch(factor) >= self.target:
+                yield factor, self._judged_with(factor)
+                break
+            yield factor, math.nan
 
-        Nothing for a model without servos, and for a target below the rebound of the model as it
-        is. The model's gains are changed meanwhile, and as they were afterwards.
+    def _largest_at_touch(self, factor: float) -> float:
+        """Largest rebound, m, in short drops of a coarse grid of contacts that are not worse in them,
+        with the servos' gains raised.
+
+        factor: of kp. The model's gains are changed meanwhile, and as they were afterwards.
         """
         model = self._written.model
         gains = model.actuator_gainprm.copy()
         biases = model.actuator_biasprm.copy()
         servos = biases[:, 1] < 0.0
-        is_raised = self.target > self.before.rebound
-        factors = _STIFFER if is_raised and servos.any() else ()
-        for factor in factors:
-            model.actuator_gainprm[servos, 0] = factor * gains[servos, 0]
-            model.actuator_biasprm[servos, 1] = factor * biases[servos, 1]
-            # kv by the root of the factor: the damping ratio stays.
-            model.actuator_biasprm[servos, 2] = math.sqrt(factor) * biases[servos, 2]
-            # A coarse grid tells where the target comes into reach.
-            largest = self.largest_of_few()
-            yield factor, largest
-            if largest >= self.target:
-                break
+        model.actuator_gainprm[servos, 0] = factor * gains[servos, 0]
+        model.actuator_biasprm[servos, 1] = factor * biases[servos, 1]
+        model.actuator_biasprm[servos, 2] = kv_factor(factor) * biases[servos, 2]
+        largest = self.largest_of_few()
         model.actuator_gainprm[:] = gains
         model.actuator_biasprm[:] = biases
+        return largest
+
+    def _judged_with(self, factor: float) -> float:
+        """Rebound, m, with stiffer servos and the first contact that has the target there and with which
+        nothing is worse, by all drops, than in that model as it is; NaN where none has.
+
+        factor: of kp. A `tune` of that model makes the same drops first: it finds this contact.
+        """
+        spec = stiffened(self._source, factor)
+        before = ModelDropBench(spec, label_of(self._source), self._requests).whole_test(None)
+        if before.diverged:
+            return math.nan
+        if before.meets(self.target):
+            return before.rebound
+        search = PairSearch(spec, self._requests, before, self.target)
+        for contact in itertools.islice(search.contacts(), _CONTACTS_JUDGED):
+            test = search.whole_test(contact)
+            if test.meets(self.target) and not list(test.worse_than(before, self.target)):
+                return test.rebound
+        return math.nan
+
+    def whole_test(self, contact: FootContact) -> DropTest:
+        """Drop the robot with a contact of its feet by all drops, as long as the model as it is."""
+        set_contact(self._written.model, self.plain, self.geoms, contact)
+        return self._written.whole_test(self.before)
+
+
+def stiffened(source: Any, factor: float) -> Any:
+    """A copy of a model whose position servos have `factor` times the kp and `kv_factor` times the kv,
+    as an MjSpec.
+
+    source: a file, MJCF text or an MjSpec; it stays as it is.
+    """
+    spec = spec_of(source)
+    for actuator in spec.actuators:
+        # MuJoCo: force = gain ctrl + b0 + b1 length + b2 velocity, b1 = -kp and b2 = -kv of a servo; a b2
+        # above 0 is a ratio of damping, from which the compiler takes kv.
+        if not actuator.biasprm[1] < 0.0:
+            continue
+        actuator.gainprm[0] *= factor
+        actuator.biasprm[1] *= factor
+        if actuator.biasprm[2] < 0.0:
+            actuator.biasprm[2] *= kv_factor(factor)
+    return spec
 
 
 def advice(model: Any) -> tuple[str, ...]:

@@ -24,14 +24,14 @@ from hcbench.engines.mujoco.model.bodies import (
     integrator_name,
     volumes,
 )
-from hcbench.engines.mujoco.model.falling import robot_in
+from hcbench.engines.mujoco.model.falling import held_names, robot_in
 from hcbench.engines.mujoco.model.find_pair import contact_in_force, named_pair
 from hcbench.engines.mujoco.model.floor_record import FloorRecord, Point
 from hcbench.engines.mujoco.model.open import copy_state
 from hcbench.engines.mujoco.model.over_floor import Drive, OverFloor, drive_of
 from hcbench.engines.mujoco.model.pair import WithoutContact, restitution_law
 from hcbench.engines.mujoco.model.promises import broken_promise, promise_in
-from hcbench.engines.mujoco.model.start_pose import require_quaternions, start_pose
+from hcbench.engines.mujoco.model.start_pose import posed_joints, require_quaternions, start_pose
 from hcbench.sim.landing import (
     WINDOW_S,
     DropPlan,
@@ -43,7 +43,7 @@ from hcbench.sim.landing import (
     raised_for,
     take_off_speed,
 )
-from hcbench.sim.model_under_test import Request, unit_notes
+from hcbench.sim.model_under_test import Request, Vector, unit_notes
 from hcbench.sim.touch import (
     ANY_SPEED,
     NewTouches,
@@ -54,9 +54,6 @@ from hcbench.sim.touch import (
 )
 from hcbench.system.errors import EngineFailed, UserError
 from hcbench.terms.impact import Floats
-
-# Axis of the world about which `land` tilts a base.
-_TILT_AXIS = (0.0, 1.0, 0.0)
 
 
 def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) -> Landings:
@@ -70,10 +67,11 @@ def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) 
         start, start_name = start_pose(model, request, state)
         bench = _Bench(model, start, request.move)
         robot = bench.over_floor
-        drive, controller = drive_of(drops.controller, model, start, robot.root)
+        posed = posed_joints(model, request)
+        drive, controller = drive_of(drops.controller, model, start, robot.root, posed)
         landings = []
         for height, tilt in itertools.product(drops.heights, drops.tilts):
-            landing_at = functools.partial(bench.landing, height, tilt, drive)
+            landing_at = functools.partial(bench.landing, height, (tilt, drops.axis), drive)
             landings.append(over_phases(landing_at))
     return Landings(
         engine="mujoco",
@@ -156,7 +154,9 @@ class _Bench:
         self.start = start
         self.timestep = float(model.opt.timestep)
         backend().mj_forward(model, start)
-        self.base, self.notes = robot_in(model, start, move)
+        self.base, notes = robot_in(model, start, move)
+        held = held_names(model, self.base)
+        self.notes = [*notes, *([f"It holds {', '.join(held)}, dropped with it."] if held else [])]
         root = self.base.root
         self.over_floor = OverFloor(model, root)
         # RK4 leaves the contacts of its last stage: those of the step's start are computed beside it.
@@ -178,19 +178,22 @@ class _Bench:
         pairs = itertools.product(geoms, floors)
         return {pair for pair in pairs if restitution_law(self.model, pair) is not None}
 
-    def landing(self, height: float, tilt: float, drive: Drive, phase: float) -> Landing:
+    def landing(
+        self, height: float, turn: tuple[float, Vector], drive: Drive, phase: float
+    ) -> Landing:
         """Drop the robot once, and read how it lands.
 
-        height: of its lowest point over the floor, m. tilt: by which its base is turned about the
-        world's y, rad. drive: sets the controls before each step. phase: place of the touch in a
-        step.
+        height: of its lowest point over the floor, m. turn: angle, rad, by which its base
+        is turned, and the axis in the world. drive: sets the controls before each step. phase: place
+        of the touch in a step.
         Raises UserError where nothing is below the robot, or it meets nothing; EngineFailed where
         MuJoCo finds the state unstable.
         """
         data = copy.copy(self.start)
+        tilt, axis = turn
         if tilt and self.base.turns_by is None:
             raise UserError("tilt", f"the base {self.over_floor.name!r} cannot turn", "0")
-        self.base.tilt(self.model, data, _TILT_AXIS, tilt)
+        self.base.tilt(self.model, data, axis, tilt)
         to_touch = self.over_floor.way_up(data, self.base.rise)
         for_phase = raised_for(phase, height, self.over_floor.gravity, self.timestep)
         self.base.release(self.model, data, to_touch, height + for_phase)

@@ -22,7 +22,7 @@ from hcbench.terms.impact import Floats
 from hcbench.terms.options import Controller
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Container, Sequence
 
     from numpy.typing import NDArray
 
@@ -91,8 +91,8 @@ class OverFloor:
         """Height by which to raise the robot of a pose until it just clears the floor, m; below 0
         to lower it.
 
-        data: MjData with the pose, which stays as it is. rise: velocities that raise the robot by
-        1 m/s, (nv,).
+        data: MjData with the pose, which stays as it is.
+        rise: velocities that raise the robot by 1 m/s, (nv,).
         Raises UserError where the robot meets nothing within _FARTHEST.
         """
         raised = copy.copy(data)
@@ -154,13 +154,16 @@ _MOST_KP = 0.1
 _MOST_KD = 0.3
 
 
-def drive_of(controller: Controller, model: Any, start: Any, root: int) -> tuple[Drive, str]:
+def drive_of(
+    controller: Controller, model: Any, start: Any, root: int, posed: Container[int] = ()
+) -> tuple[Drive, str]:
     """Make the function of MjData that sets the controls before each step, and a phrase that
     describes it.
 
     controller: "pd", "pd:KP,KD", "ctrl", or a function of (MjModel, MjData).
-    start: MjData of the pose to hold.
+    start: MjData of the pose to hold; with "pd" its servos' filters settle.
     root: number of the robot's base body.
+    posed: numbers of joints that a user put where they are, see `_holding`.
 
     Raises UserError for another one, for gains other than numbers from 0 up, and for a function of
     other arguments; the drive of a function also raises it, for controls that do not fit.
@@ -176,7 +179,22 @@ def drive_of(controller: Controller, model: Any, start: Any, root: int) -> tuple
     gains: list[float] = []
     if colon:
         gains = [units.parse(gain, "number", "controller") for gain in text.split(",")]
-    return _pd(model, start, root, gains)
+    drive, words = _pd(model, start, root, gains, posed)
+    before = start.ctrl.copy()
+    drive(start)
+    _settle(model, start, start.ctrl)
+    start.ctrl[:] = before
+    return drive, words
+
+
+def _settle(model: Any, data: Any, controls: Floats) -> None:
+    """Give the filters of actuators the controls, as if these had been constant for long, where the
+    pose of `data` has no activations of its own.
+    """
+    if data.act.any():
+        return
+    for actuator in np.flatnonzero(model.actuator_actnum == 1).tolist():
+        data.act[model.actuator_actadr[actuator]] = controls[actuator]
 
 
 def _function(function: Callable[[Any, Any], Any], model: Any) -> Drive:
@@ -214,16 +232,19 @@ def _function(function: Callable[[Any, Any], Any], model: Any) -> Drive:
     return drive
 
 
-def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, str]:
+def _pd(
+    model: Any, start: Any, root: int, gains: list[float], posed: Container[int]
+) -> tuple[Drive, str]:
     """Make the function that holds the pose of one robot by its hinges and slides, and a phrase that
     describes it.
 
-    Position servos get their joint's angle as target; motors get PD torques; joints without an
-    actuator are free.
+    Position servos get the controls of the pose or their joint's angle as target, see `_holding`;
+    motors get PD torques; joints without an actuator are free.
 
     start: MjData of the pose to hold, with its kinematics and mass matrix.
     root: number of the robot's base body; actuators of other robots keep their controls.
     gains: kp and kd in SI, or [] for those by weight and inertia.
+    posed: numbers of joints.
 
     Raises UserError for gains that are not two numbers from 0 up.
     """
@@ -231,12 +252,13 @@ def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, s
         raise UserError(
             "controller", f"pd with {len(gains)} gains", "two from 0 up: pd:KP,KD, such as pd:60,2"
         )
-    drive = _holding(model, start, root, gains)
+    drive = _holding(model, start, root, gains, posed)
     described = []
     if drive.servos.size:
         few = "1 position servo holds its joint"
         many = f"{drive.servos.size} position servos hold their joints"
-        described.append(few if drive.servos.size == 1 else many)
+        by = " by the pose's ctrl" if drive.by_controls else ""
+        described.append((few if drive.servos.size == 1 else many) + by)
     if drive.motors:
         kp_span = _span([motor.kp for motor in drive.motors])
         kd_span = _span([motor.kd for motor in drive.motors])
@@ -248,16 +270,23 @@ def _pd(model: Any, start: Any, root: int, gains: list[float]) -> tuple[Drive, s
     return drive, "; ".join(described)
 
 
-def _holding(model: Any, start: Any, root: int, gains: Sequence[float]) -> _Pd:
+def _holding(
+    model: Any, start: Any, root: int, gains: Sequence[float], posed: Container[int]
+) -> _Pd:
     """Find the position servos and the motors of a robot that can hold its pose, with the targets of
     the servos and the gains of the motors.
+
+    A pose that gives controls means them: by them a gripper squeezes what it holds. A keyframe without
+    has zeros, by which a robot would leave its pose: its servos get the joints' angles.
 
     start: MjData of the pose, with its kinematics and mass matrix.
     root: number of the robot's base body.
     gains: kp and kd of all motors, SI; [] for gains chosen by weight and inertia.
+    posed: numbers of joints that a user put elsewhere than the pose with its controls.
     """
     servos: list[int] = []
-    targets: list[float] = []
+    angles: list[float] = []
+    unposed: list[int] = []
     motors: list[_Motor] = []
     for actuator in range(model.nu):
         joint = int(model.actuator_trnid[actuator, 0])
@@ -273,27 +302,35 @@ def _holding(model: Any, start: Any, root: int, gains: Sequence[float]) -> _Pd:
         # MuJoCo: force = gain ctrl + b0 + b1 length + b2 velocity.
         # A position servo has -kp in the second number of its bias.
         if float(bias[1]) < 0.0:
+            if joint not in posed:
+                unposed.append(len(servos))
             servos.append(actuator)
-            targets.append(gear * float(start.qpos[angle]))
+            angles.append(gear * float(start.qpos[angle]))
         elif gain != 0.0 and not bias.any():
             kp, kd = gains or _gains(model, start, root, joint)
             dof = int(model.jnt_dofadr[joint])
             motors.append(_Motor(actuator, gear * gain, angle, dof, kp, kd))
-    return _Pd(start.qpos.copy(), np.array(servos, int), np.array(targets), tuple(motors))
+    targets = np.array(angles)
+    given = start.ctrl[servos]
+    by_controls = bool(given[unposed].any())
+    if by_controls:
+        targets[unposed] = given[unposed]
+    return _Pd(start.qpos.copy(), np.array(servos, int), targets, by_controls, tuple(motors))
 
 
-def hold_pose(model: Any, start: Any, root: int) -> tuple[Floats, str]:
+def hold_pose(model: Any, start: Any, root: int, posed: Container[int] = ()) -> tuple[Floats, str]:
     """Let constant controls hold the pose of a robot: return these controls, (nu,), and a phrase of
     what holds the pose.
 
     model: changed: its motors become servos with the gains and largest torques that PD control
     would give them.
-    start: MjData of the pose, left as it was.
+    start: MjData of the pose, whose filters settle.
     root: number of the robot's base body.
+    posed: numbers of joints that a user put where they are, see `_holding`.
     """
     before = start.ctrl.copy()
-    drive, words = drive_of("pd", model, start, root)
-    # The controls at rest in the pose, read off the start, which then is as it was.
+    drive, words = _pd(model, start, root, [], posed)
+    # The controls at rest in the pose, read off the start, whose own stay.
     drive(start)
     controls: Floats = start.ctrl.copy()
     start.ctrl[:] = before
@@ -315,6 +352,7 @@ def hold_pose(model: Any, start: Any, root: int) -> tuple[Floats, str]:
         model.actuator_biastype[actuator] = int(backend().mjtBias.mjBIAS_AFFINE)
         model.actuator_biasprm[actuator, 1:3] = -motor.kp / gear**2, -motor.kd / gear**2
         controls[actuator] = gear * float(start.qpos[motor.angle])
+    _settle(model, start, controls)
     return controls, words
 
 
@@ -340,11 +378,13 @@ class _Pd:
 
     pose: its qpos.
     servos: numbers of the position servos; targets: their controls, alike.
+    by_controls: whether these are the pose's own, and not the angles of the joints.
     """
 
     pose: Floats
     servos: Any
     targets: Floats
+    by_controls: bool
     motors: tuple[_Motor, ...]
 
     def __call__(self, data: Any) -> None:

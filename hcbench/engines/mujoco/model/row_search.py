@@ -64,9 +64,11 @@ _SHALLOW = 8e-5
 _SEED = 1
 _MEMBERS = 16
 # Degrees of freedom of the largest model that counts as light. A heavy one's launches take so long
-# that it has a third of the generations.
+# that it has a third of the generations; one that actuators drive has half, as its whole landing is
+# judged besides.
 _LIGHT = 12
 _GENERATIONS = 50
+_GENERATIONS_DRIVEN = 25
 _GENERATIONS_LARGE = 16
 # Half period in steps; logs of its loss a step, odds of its impedance; log of D h, odds of dmax,
 # logs of width over v h and midpoint of the damper.
@@ -382,7 +384,7 @@ class RowSearch:
             """Cost of each member, (n,); members: (n, 7); limits: above which one is given up, (n,)."""
             return self._errors([self.rows(member, adhesive) for member in members], limits)
 
-        generations = _GENERATIONS
+        generations = _GENERATIONS_DRIVEN if self._model.nu else _GENERATIONS
         starts = _STARTS
         lowest = _LOWEST
         if self._model.nv > _LIGHT:

@@ -241,6 +241,17 @@ def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> None:
     target[:] = values
 
 
+def posed_joints(model: Any, request: Request) -> set[int]:
+    """Numbers of the joints that a request puts elsewhere than the pose it starts from, without
+    controls for it.
+    """
+    names = {sanitized(name) for name, _ in request.pose}
+    if "ctrl" in names:
+        return set()
+    joints = range(model.njnt)
+    return {joint for joint in joints if "qpos" in names or joint_name(model, joint) in names}
+
+
 def _free_joint(model: Any, name: str) -> int | None:
     """Number of the free joint of a body of this name; "base": of the heaviest body on one.
 

@@ -26,6 +26,7 @@ from hcbench.engines.pybullet.model.over_floor import (
     WorldOverFloor,
     drive_of,
     prepare,
+    turn_about,
 )
 from hcbench.sim.drop_test import DropBench, DropMotion, DroppedRobot
 from hcbench.sim.landing import (
@@ -303,9 +304,7 @@ def _drop(
     ends: where it ends before; a robot that moves beyond the time to rest has an infinite one.
     """
     h, g = over_floor.h, over_floor.g
-    # Quaternion x y z w of the tilt.
-    sine = np.sin(drop.tilt / 2)
-    turn = [*(sine * np.array(TILT_AXIS)).tolist(), float(np.cos(drop.tilt / 2))]
+    turn = turn_about(TILT_AXIS, drop.tilt)
     lowest = over_floor.put(drop.height + raised_for(drop.phase, drop.height, g, h), turn)
     path = _DropPath(over_floor)
     for _ in range(round(seconds / h)):

@@ -25,7 +25,7 @@ from hcbench.engines.pybullet.model.over_floor import (
     WorldOverFloor,
     drive_of,
     prepare,
-    tilt_about_y,
+    turn_about,
 )
 from hcbench.sim.landing import (
     WINDOW_S,
@@ -42,7 +42,7 @@ from hcbench.sim.model_under_test import unit_notes
 from hcbench.system.errors import EngineFailed, UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from hcbench.engines.pybullet.model.open import LoadedWorld
     from hcbench.sim.model_under_test import Request
@@ -111,7 +111,7 @@ def land(world: LoadedWorld, request: Request, drops: DropPlan) -> Landings:
 
         def landing() -> Landing:
             bench, drive, _ = prepared()
-            return bench.landing(height, tilt, drive, phase)
+            return bench.landing(height, tilt, turn_about(drops.axis, tilt), drive, phase)
 
         return run_aside(bullet, landing)
 
@@ -127,17 +127,22 @@ class _DropBench(WorldOverFloor):
     """A robot over its floor that is dropped once, in a copy of its world."""
 
     def landing(
-        self, height: float, tilt: float, drive: Callable[[], None], phase: float
+        self,
+        height: float,
+        tilt: float,
+        turn: Sequence[float],
+        drive: Callable[[], None],
+        phase: float,
     ) -> Landing:
         """Drop the robot once, and read how it lands.
 
-        height: of its lowest point over the floor, m. tilt: by which its base is turned about y,
-        rad. drive: called before each step. phase: place of the touch in a step. Raises UserError
-        where nothing is below the robot or it meets nothing, EngineFailed for a velocity that is
-        not finite.
+        height: of its lowest point over the floor, m. tilt: by which its base is turned, rad;
+        turn: that turn, a quaternion x y z w. drive: called before each step. phase: place of the
+        touch in a step. Raises UserError where nothing is below the robot or it meets nothing,
+        EngineFailed for a velocity that is not finite.
         """
         for_phase = raised_for(phase, height, self.g, self.h)
-        self.put(height + for_phase, tilt_about_y(tilt))
+        self.put(height + for_phase, turn)
         return self._fall(height, tilt, drive)
 
     def _fall(self, height: float, tilt: float, drive: Callable[[], None]) -> Landing:

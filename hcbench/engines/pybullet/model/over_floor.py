@@ -218,9 +218,10 @@ def prepare(world: LoadedWorld, request: Request) -> None:
     set_pose(world, request)
 
 
-def tilt_about_y(angle: float) -> list[float]:
-    """Quaternion x y z w of a turn about the world's y by an angle, rad."""
-    return [0.0, math.sin(angle / 2), 0.0, math.cos(angle / 2)]
+def turn_about(axis: Sequence[float], angle: float) -> list[float]:
+    """Quaternion x y z w of a turn about an axis of the world, a unit vector, by an angle, rad."""
+    sine = math.sin(angle / 2)
+    return [*(sine * along for along in axis), math.cos(angle / 2)]
 
 
 def drive_of(controller: Any, over_floor: WorldOverFloor) -> tuple[Callable[[], None], str]:

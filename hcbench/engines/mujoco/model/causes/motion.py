@@ -188,6 +188,19 @@ def margin(context: Context) -> Iterator[Suspect]:
 _DEEPER = 1.5
 
 
+def _change_of_approach(share: float) -> str:
+    """Words for the share of the approach that a force took or added while two bodies touched.
+
+    share: that it took of the speed at touch; below 0 where it added to it.
+    """
+    size = abs(share)
+    amount = f"{size:.2g} times" if size >= 1.0 else f"{100 * size:.2g} % of"
+    change = f"they took {amount} the speed at touch from the approach"
+    if share < 0.0:
+        change = f"they added {amount} the speed at touch to the approach"
+    return f"while the two touched, {change}"
+
+
 def limits(context: Context) -> Iterator[Suspect]:
     """Suspect limits of joints and tendons that act during the contact, if they change the speed at
     touch by the share NOTABLE_SHARE or more; at most one suspect, which names them.
@@ -203,7 +216,7 @@ def limits(context: Context) -> Iterator[Suspect]:
     yield Suspect(
         "limits",
         "A limit acts while the two touch: it takes part of the speed.",
-        f"{share:+.2g} of the speed at touch, by {shown}",
+        f"{_change_of_approach(share)}: {shown}",
         f'another pose (--key, --qpos), or limited="false" on {shown}',
         partial(fixes.free_limits, joints=joints, tendons=tendons),
     )
@@ -258,8 +271,9 @@ def drives(context: Context) -> Iterator[Suspect]:
     ):
         share = context.shares.get(name, 0.0)
         if abs(share) >= NOTABLE_SHARE:
-            evidence = f"{share:+.2g} of the speed at touch"
-            yield Suspect(code, words, evidence, fix, partial(fixes.disable, flag=int(flag)))
+            yield Suspect(
+                code, words, _change_of_approach(share), fix, partial(fixes.disable, flag=int(flag))
+            )
 
 
 # Causes of a pair that lies deep, or does not lie still.
