@@ -19,8 +19,6 @@ SLOW = {
     "matplotlib",
     "pyarrow",
     "mujoco",
-    # What opens windows, for MuJoCo.
-    "glfw",
 }
 MODEL = "scenes/steel-plane/scene.xml"
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -339,32 +338,33 @@ def test_repeated_and_single_launches_give_the_same_bits(scene: Scene, integrato
             assert same_bits(impact, together[all_launches.index(impact.launch)])
 
 
-def printed_by_a_command(code: str) -> list[str]:
-    """Lines printed by code that has `mujoco` as a command of hcbench imports it."""
-    begin = (
-        "import sys; from hcbench.system.process import IS_COMMAND; IS_COMMAND.set(True);"
-        "from hcbench.engines.mujoco.backend import backend; mujoco = backend();"
-    )
-    environment = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
-    command = [sys.executable, "-c", begin + code]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+FALL = """
+from hcbench.system.process import IS_COMMAND
+from hcbench.engines.mujoco.backend import backend
+IS_COMMAND.set({is_command})
+mujoco = backend()
+model = mujoco.MjModel.from_xml_string({xml!r})
+data = mujoco.MjData(model)
+mujoco.mj_step(model, data, nstep=500)
+print(data.timer[0].duration > 0.0)
+print([place.hex() for place in data.qpos])
+"""
+
+
+def timed_and_places(is_command: bool) -> list[str]:
+    """Whether a process times a ball's steps, and the bits of where the ball lies after them."""
+    ball = '<body pos="0 0 1"><freejoint/><geom size="0.1"/></body>'
+    xml = f'<mujoco><worldbody><geom type="plane" size="1 1 1"/>{ball}</worldbody></mujoco>'
+    code = FALL.format(is_command=is_command, xml=xml)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     return done.stdout.splitlines()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="MuJoCo's clock is out of reach there")
 def test_a_command_takes_the_steps_of_a_users_program_without_its_clock() -> None:
-    ball = '<body pos="0 0 1"><freejoint/><geom size="0.1"/></body>'
-    xml = f'<mujoco><worldbody><geom type="plane" size="1 1 1"/>{ball}</worldbody></mujoco>'
-    model = mujoco.MjModel.from_xml_string(xml)
-    data = mujoco.MjData(model)
-    mujoco.mj_step(model, data, nstep=500)
-    assert data.timer[0].duration > 0.0
-    lines = printed_by_a_command(
-        f"model = mujoco.MjModel.from_xml_string({xml!r}); data = mujoco.MjData(model);"
-        "mujoco.mj_step(model, data, nstep=500); print(data.timer[0].duration);"
-        "print([x.hex() for x in data.qpos])"
-    )
-    assert lines == ["0.0", str([place.hex() for place in data.qpos])]
+    (is_timed, of_user), (is_timed_in_command, of_command) = map(timed_and_places, (False, True))
+    assert (is_timed, is_timed_in_command) == ("True", "False")
+    assert of_command == of_user
 
 
 def test_nothing_to_launch_is_nothing_back() -> None:

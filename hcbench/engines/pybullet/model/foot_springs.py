@@ -131,7 +131,7 @@ class LinkSearch(ReboundSearch[FootSpring]):
         return self._robot.with_change(self._change(spring))
 
     def _change(self, spring: FootSpring) -> Change:
-        """What gives the spring to the feet in a world."""
+        """The change of a world that gives the spring to the feet."""
         return partial(apply_calls, calls=self.calls(spring))
 
     def _first_drops_are_no_worse(self, contact: FootSpring) -> bool:
