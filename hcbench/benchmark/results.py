@@ -74,7 +74,7 @@ _DECIMALS = 14
 _LEAST = 1e-14
 # Powers of ten by their exponent, negative ones from the end. Parsing gives the nearest float on
 # every processor; computing may not.
-_POWERS = np.array([float(f"1e{k}") for k in (*range(_DECIMALS + 1), *range(-30, 0))])
+_POWERS = np.array([float(f"1e{k}") for k in (*range(_DECIMALS + 1), *range(_DIGITS - 309, 0))])
 _Columns = Mapping[str, NDArray[Any]]
 
 

@@ -226,19 +226,23 @@ class LocalFiles(Files):
 
 
 def open_files(where: str) -> Files:
-    """The files in a folder, local or remote; nothing is made yet.
+    """The files in a folder, local or remote; nothing is made yet, but some remote systems connect.
 
     where: a path or an fsspec URL.
-    Raises UserError for a URL that fsspec does not open, or whose package is not installed.
+    Raises UserError for a URL that fsspec does not open, or whose package is not installed,
+    OutputError where its system cannot be reached.
     """
     if "://" not in where:
         return LocalFiles(LocalFileSystem(), str(Path(where).absolute()), where)
     try:
         system, root = url_to_fs(where)
-    except (ImportError, ValueError) as error:
-        raise UserError(
-            "folder", f"{where}: {error}", "a path, or an URL that fsspec opens"
-        ) from None
+    except OSError as error:
+        # ftp:// and gist:// connect here.
+        raise unwritable("folder", where, error, "a folder that can be reached") from None
+    except Exception as error:
+        # Each system raises errors of its own for an URL that lacks something, as github:// does.
+        expected = "a path, or an URL that fsspec opens"
+        raise UserError("folder", f"{where}: {sanitized(str(error))}", expected) from None
     protocols = system.protocol
     if not isinstance(protocols, tuple):
         protocols = (protocols,)

@@ -176,9 +176,17 @@ def _tested(tuned: TunedModel, written: Path | None, models: tuple[str, ...]) ->
 
     models: the user's own.
     """
-    if written is None and tuned.text and not tuned.written and not is_python(models[0]):
+    if written is None and _are_lines_of_a_script(tuned, models):
         return "--python FILE.py:FUNCTION"
     return _model(written, models)
+
+
+def _are_lines_of_a_script(tuned: TunedModel, models: tuple[str, ...]) -> bool:
+    """Say whether the lines of a tuned model go into a script, and the user has given none yet.
+
+    models: the user's own.
+    """
+    return bool(tuned.text) and not tuned.written and not is_python(models[0])
 
 
 def _next_title(tuned: TunedModel, written: Path | None, models: tuple[str, ...]) -> str:
@@ -189,7 +197,7 @@ def _next_title(tuned: TunedModel, written: Path | None, models: tuple[str, ...]
     """
     if written is not None or not tuned.text:
         return "next:"
-    if not tuned.written and not is_python(models[0]):
+    if _are_lines_of_a_script(tuned, models):
         return "next, with these lines in FILE.py, whose FUNCTION returns World(client, first, second):"
     file = models[0].partition(":")[0] if is_python(models[0]) else models[0]
     return f"next, with these lines in {sanitized(file)}:"

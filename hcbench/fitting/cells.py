@@ -10,7 +10,12 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import TYPE_CHECKING, NamedTuple
 
-from hcbench.fitting.column_names import is_unit, is_unit_of, plain_unit
+from hcbench.fitting.column_names import (
+    QUANTITIES_OF_COLUMNS,
+    is_unit,
+    is_unit_of,
+    plain_unit,
+)
 from hcbench.system.errors import UserError
 from hcbench.terms import units
 
@@ -37,7 +42,9 @@ _FRACTION = re.compile(
 _PART = re.compile(r"\s*(\d[\d.,]*(?:[\s-]+\d+/\d+)?)\s*([^\W\d_]+\.?|''|[\"'′″’”])\s*(?:,|and)?")
 _TAIL = re.compile(r"\s*([%‰]|[^\d\s.,;+\-±()][^\d;±()]*(?:\^?-?\d)?)?\s*")
 _PLUS_MINUS = re.compile(r"\s*(?:±|\+/?[-−]|\\pm)\s*")
-_SHORT = re.compile(r"([-+−]?\d*(?:[.,](\d+))?)\((\d+(?:[.,]\d+)?)\)")
+# "0.960(5) m", "1.23(4)e-3"; "(1.23 ± 0.04)e-3 m", with the pair and what holds for both.
+_SHORT = re.compile(rf"({_MANTISSA})\((\d+(?:[.,]\d+)?)\)({_EXPONENT})?(?:\s+(\S.*))?")
+_PAIR = re.compile(rf"\(([^()]+)\)({_EXPONENT})?\s*([^()]*)")
 # "1:02.5", "0:00:01.234", "0:00:01:23" with hundredths, as Kinovea writes it.
 _CLOCK = re.compile(r"(?:(\d+):)?(\d{1,2}):(\d{1,2})(?:([.,:])(\d+))?")
 _OF_NUMPY = re.compile(r"\bnp\.\w+\(([^()]*)\)")
@@ -86,48 +93,49 @@ class NumberStyle:
         special = self._of_mixed_units(text) or _fraction(text) or self._with_digits_in_doubt(text)
         if special is not None:
             return special
-        parts = _PLUS_MINUS.split(text.strip("()"))
-        if len(parts) > 2:
+        pair = _PAIR.fullmatch(text)
+        exponent = ""
+        unit_of_both = ""
+        if pair is not None:
+            text, exponent, unit_of_both = (part or "" for part in pair.groups())
+        parts = [part + exponent for part in _PLUS_MINUS.split(text.strip("()"))]
+        numbers = [self._number_with_unit(f"{part} {unit_of_both}") for part in parts]
+        if len(numbers) == 1:
+            return numbers[0]
+        if len(numbers) > 2:
             return None
-        number = self._number_with_unit(parts[0])
-        # A number beyond all bounds is one, for its reader to refuse: as text it would end the table.
-        if number is None or math.isnan(number.value) or (number.unit and not is_unit(number.unit)):
+        number, by = numbers
+        if number is None or by is None:
             return None
-        if len(parts) == 1:
-            return number
-        # "(0.20 ± 0.01) m" has its unit behind the bracket.
-        by = self._number_with_unit(parts[1], closed=True)
-        if by is None:
-            return None
-        return NumberCell(number.value, by.value, number.unit or by.unit)
+        return _with_uncertainty(number, by)
 
-    def _number_with_unit(self, text: str, closed: bool = False) -> NumberCell | None:
-        """The number at the begin of a text, with the words behind it as its unit, whatever they mean.
-
-        closed: a closing bracket may stand between the two. None where there is no number, or where
-        more than a unit is behind it; the value is NaN for a number that is not of this style.
+    def _number_with_unit(self, text: str) -> NumberCell | None:
+        """The number in a text of a number and its unit; None for other text, for a word that is no
+        unit, and for a number that is not of this style.
         """
         number = _NUMBER.match(text)
         if number is None:
             return None
-        behind = text[number.end() :]
-        tail = _TAIL.fullmatch(behind.lstrip(")") if closed else behind)
+        tail = _TAIL.fullmatch(text[number.end() :])
         if tail is None:
             return None
         value = self._float(number[1], number[2] or "")
-        return NumberCell(value, unit=(tail[1] or "").strip())
+        return _cell_of(value, math.nan, tail[1] or "")
 
     def _with_digits_in_doubt(self, text: str) -> NumberCell | None:
         """The number in "0.960(5) m", whose last digits are uncertain by 5; None for other text."""
-        first, _, unit = text.partition(" ")
-        short = _SHORT.fullmatch(first)
-        if short is None or not short[1]:
+        short = _SHORT.fullmatch(text)
+        if short is None:
             return None
-        number, decimals, by = short.groups()
+        number, by, exponent, unit = (part or "" for part in short.groups())
+        value = self._float(number, exponent)
+        uncertainty = self._float(by, exponent)
         # "0.960(5)" counts in the last digit, "9.60(0.05)" in the unit.
-        last_digit = 1.0 if re.search(r"[.,]", by) else 10.0 ** -len(decimals or "")
-        uncertainty = float(by.replace(",", ".")) * last_digit
-        return NumberCell(self._float(number, ""), uncertainty, unit.strip())
+        if by.isdigit():
+            uncertainty /= 10.0 ** len(number.partition(self.decimal)[2])
+        if math.isnan(uncertainty):
+            return None
+        return _cell_of(value, uncertainty, unit)
 
     def _of_mixed_units(self, text: str) -> NumberCell | None:
         """The sum of "6' 3.5\"" or "1 m 20 cm", in the unit of its first part.
@@ -158,7 +166,8 @@ class NumberStyle:
             first_unit = first_unit or unit
             last_scale = scale
             at = part.end()
-        return NumberCell(total / units.parse(f"1 {first_unit}", quantity, "unit"), unit=first_unit)
+        total /= units.parse(f"1 {first_unit}", quantity, "unit")
+        return _cell_of(total, math.nan, first_unit)
 
     def _float(self, mantissa: str, exponent: str) -> float:
         """The value of a number as `_NUMBER` parts it, in the unit of its cell.
@@ -181,6 +190,54 @@ class NumberStyle:
             return float(mantissa.replace(self.decimal, ".") + exponent)
         except ValueError:
             return math.nan
+
+
+def _cell_of(value: float, uncertainty: float, unit: str) -> NumberCell | None:
+    """A cell of these parts; None where the value is NaN, or a word is no unit."""
+    unit = unit.strip()
+    # A number beyond all bounds is one, for its reader to refuse: as text it would end the table.
+    if math.isnan(value) or (unit and not is_unit(unit)):
+        return None
+    return NumberCell(value, uncertainty, unit)
+
+
+def _with_uncertainty(number: NumberCell, by: NumberCell) -> NumberCell | None:
+    """A number with the one behind its "±" as uncertainty, in the number's unit: "81 cm ± 2 mm".
+
+    A unit behind the second alone is that of both. "81 cm ± 2 %" is uncertain by a share of itself.
+    None where that is in doubt, as in "0.81 ± 2 %", where units do not fit, and for one below 0.
+    """
+    if by.value < 0.0:
+        return None
+    if not number.unit:
+        # The 0.81 is rather no percentage.
+        if by.unit == "%" and abs(number.value) <= 1.0:
+            return None
+        return NumberCell(number.value, by.value, by.unit)
+    unit = plain_unit(number.unit)
+    unit_of_by = plain_unit(by.unit)
+    if unit_of_by in ("", unit):
+        return NumberCell(number.value, by.value, number.unit)
+    if unit_of_by == "%":
+        uncertainty = float(f"{abs(number.value) * by.value / 100.0:.12g}")
+        return NumberCell(number.value, uncertainty, number.unit)
+    converted = in_unit(by, unit)
+    if converted is by:
+        return None
+    return NumberCell(number.value, converted.value, number.unit)
+
+
+def in_unit(cell: NumberCell, unit: str) -> NumberCell:
+    """A cell in a unit, where it has another one of the same quantity; else as it is."""
+    own = plain_unit(cell.unit) if cell.unit else ""
+    alike = (of for of in QUANTITIES_OF_COLUMNS if is_unit_of(own, of) and is_unit_of(unit, of))
+    quantity = next(alike, "") if own and own != unit else ""
+    if not quantity:
+        return cell
+    ratio = units.parse(f"1 {own}", quantity, own) / units.parse(f"1 {unit}", quantity, unit)
+    # 1301 mm are 130.1 cm, to the last digit.
+    value, uncertainty = (float(f"{one * ratio:.12g}") for one in (cell.value, cell.uncertainty))
+    return NumberCell(value, uncertainty, unit)
 
 
 def _bare(text: str) -> str:
@@ -226,6 +283,14 @@ def _seconds(text: str) -> float | None:
         midnight = stamp.replace(hour=0, minute=0, second=0, microsecond=0)
         return (stamp - midnight).total_seconds() + 86400.0 * (stamp.toordinal() - _EPOCH)
     return None
+
+
+def has_last_unit_only(text: str) -> bool:
+    """Say whether a unit stands behind an uncertainty and none behind its number: "81 ± 2 mm"."""
+    parts = _PLUS_MINUS.split(_bare(text))
+    if len(parts) != 2:
+        return False
+    return parts[0][-1:].isdigit() and re.search(r"[^\W\d_%]+$", parts[1]) is not None
 
 
 def looks_numeric(text: str) -> bool:

@@ -58,7 +58,8 @@ def tables_of_json(name: str, content: Any) -> list[tuple[str, list[Cells]]]:
     found = []
     for path, about, rows in tables:
         called = name if len(tables) == 1 else f"{name}, {sanitized(' '.join(path))}"
-        found.append((called, [*about, *rows]))
+        # An empty list or record is no row.
+        found.append((called, [row for row in (*about, *rows) if row]))
     return found
 
 

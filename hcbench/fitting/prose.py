@@ -127,8 +127,10 @@ def _readings(text: str, quantity: str) -> Iterator[_Reading]:
 
 
 def _joins_readings(between: str) -> bool:
-    """Say whether all words of a text may stand between two readings of one ball; no number may."""
-    if re.search(r"\d", between):
+    """Say whether all words of a text may stand between two readings of one ball; no number may, nor
+    "±", behind which stands no reading.
+    """
+    if re.search(r"\d|±|\+\s*/?\s*[-−]|\\pm", between):
         return False
     return all(
         word in words_of_texts("joins")

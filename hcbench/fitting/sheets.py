@@ -63,8 +63,10 @@ class Sheet:
     """Rows of cells, with the names and units still among them.
 
     name: what errors call it: the file, and the sheet or the member where there are several.
-    rows: number of each in the file, and its cells as text.
-    text: of the file; "" for a sheet of a workbook.
+    rows: number of each in the file, and its cells as text. In SQL and JSON the number is that of
+    the row in its table; of a notebook, a page or a document, that of the line in its text.
+    text: of the file, without the tags of HTML; of several tables in JSON the first has it. "" for
+    workbooks, SQL and JSON Lines.
     """
 
     name: str
@@ -167,11 +169,15 @@ def _known_letters(text: str) -> tuple[int, int]:
 
 
 def _of_text(name: str, text: str) -> list[Sheet]:
-    """The sheets in a text: one, but for JSON. Raises UserError for JSON that has no table."""
+    """The sheets in a text: one for each table of JSON and of JSON Lines; else one, of a notebook of
+    Jupyter, a page in HTML, a document of Word, rows in SQL, or lines of cells.
+
+    Raises UserError for JSON that has no table, and for a damaged notebook.
+    """
     begin = text.lstrip()[:1]
     if begin in ("{", "["):
         try:
-            notebook = _of_notebook(parse_json(text))
+            notebook = _of_notebook(name, parse_json(text))
             if notebook:
                 return _of_text(name, notebook)
             return _of_json(name, parse_json(text), text)
@@ -190,16 +196,26 @@ def _of_text(name: str, text: str) -> list[Sheet]:
     return [Sheet(name, rows_of(name, lines), text)]
 
 
-def _of_notebook(content: Any) -> str:
-    """The text of a notebook of Jupyter, each cell with what it printed below; "" for other content."""
+def _of_notebook(name: str, content: Any) -> str:
+    """The text of a notebook of Jupyter, each cell with what it printed below; "" for other content.
+
+    Raises UserError for a notebook whose cells are not those of Jupyter.
+    """
     if not isinstance(content, dict) or not {"cells", "nbformat"} <= content.keys():
         return ""
     parts = []
-    for cell in content["cells"]:
-        printed = cell.get("outputs", [])
-        shown = (one.get("text") or one.get("data", {}).get("text/plain", "") for one in printed)
-        parts += [cell.get("source", ""), *shown]
-    return "\n".join("".join(part) for part in parts)
+    try:
+        for cell in content["cells"]:
+            printed = cell.get("outputs", [])
+            shown = (
+                one.get("text") or one.get("data", {}).get("text/plain", "") for one in printed
+            )
+            parts += [cell.get("source", ""), *shown]
+        return "\n".join("".join(part) for part in parts)
+    except (AttributeError, TypeError):
+        # JSON of other types: a number in place of a cell, or none in place of its text.
+        got = "a notebook with damaged cells"
+        raise UserError(name, got, "one that Jupyter opens", "Save it there again") from None
 
 
 def _of_json(name: str, content: Any, text: str = "") -> list[Sheet]:

@@ -10,12 +10,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hcbench.fitting.cells import NumberCell, NumberStyle, is_missing
+from hcbench.fitting.cells import (
+    NumberCell,
+    NumberStyle,
+    has_last_unit_only,
+    in_unit,
+    is_missing,
+)
 from hcbench.fitting.column_names import (
     NO_UNIT,
     PIXELS,
-    QUANTITIES_OF_COLUMNS,
-    is_unit_of,
     plain_unit,
 )
 from hcbench.system.errors import QuantityError, UserError
@@ -85,7 +89,7 @@ class Table:
         read = [self.style.read(text) for text in self.texts(at)]
         units_of_cells = (plain_unit(cell.unit) for cell in read if cell and cell.unit)
         unit = self.header[at][1] or next(units_of_cells, "")
-        return [cell and _in_unit(cell, unit) for cell in read]
+        return [cell and in_unit(cell, unit) for cell in read]
 
     def texts(self, at: int) -> list[str]:
         """The cells of a column, as the file has them."""
@@ -128,6 +132,10 @@ class Table:
             if not cell.unit or ":" in text:
                 continue
             written = plain_unit(cell.unit)
+            if has_last_unit_only(text):
+                # "81 ± 2 mm" under cm: whether the 81 is in mm, nothing says.
+                as_written = self.style.read(text)
+                written = plain_unit(as_written.unit) if as_written else unit
             if written != unit and unit_scale(self.name, name, written, quantity) != scale:
                 got = f"{text.strip()!r} under {name!r} in {unit}"
                 raise UserError(f"{self.name}, line {line}", got, f"a number in {unit}")
@@ -198,19 +206,6 @@ class Table:
         si_unit = units.QUANTITIES[quantity].unit
         require_bounds(f"{self.name}: {name}", (values * scale).tolist(), quantity, si_unit, 0.0)
         return np.asarray(values * scale)
-
-
-def _in_unit(cell: NumberCell, unit: str) -> NumberCell:
-    """A cell in a unit, where it has another one of the same quantity; else as it is."""
-    own = plain_unit(cell.unit) if cell.unit else ""
-    alike = (of for of in QUANTITIES_OF_COLUMNS if is_unit_of(own, of) and is_unit_of(unit, of))
-    quantity = next(alike, "") if own and own != unit else ""
-    if not quantity:
-        return cell
-    ratio = units.parse(f"1 {own}", quantity, own) / units.parse(f"1 {unit}", quantity, unit)
-    # 1301 mm are 130.1 cm, to the last digit.
-    value, uncertainty = (float(f"{one * ratio:.12g}") for one in (cell.value, cell.uncertainty))
-    return NumberCell(value, uncertainty, unit)
 
 
 @contextmanager

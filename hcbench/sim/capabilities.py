@@ -285,6 +285,9 @@ class TunesModels(OpensModels):
         was: the model at rest as it is.
         version: numbers of the engine's version that has to load what is written, such as (3, 5);
         () for the installed one.
+        Raises, also as settings are asked for, SceneError or UserError for a source or pair that
+        cannot be opened, measured, written or made again; SearchInterrupted, a KeyboardInterrupt,
+        with the best so far.
         """
 
     def attitudes(self, source: Any, request: Request) -> list[tuple[str, Request]]:

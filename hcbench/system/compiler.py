@@ -183,7 +183,8 @@ def environment(folder: str) -> dict[str, str]:
 
 
 def _run(command: list[str], folder: str) -> tuple[int, str]:
-    """Exit status of a compiler and what it said; however this ends, none of its processes is left.
+    """Exit status of a process, the compiler or the Python that loads what it built, and what it wrote
+    to stderr; however this ends, none of its processes is left.
 
     folder: takes its temporary files, which a compiler that is killed leaves behind.
     Raises OSError where it cannot be run, subprocess.TimeoutExpired after _LIMIT_S.

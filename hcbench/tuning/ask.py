@@ -58,7 +58,8 @@ if TYPE_CHECKING:
 _GRAVITY = 9.81  # m/s²
 # Files of a model that leave no choice of a pair.
 _TWO_FILES = 2
-_VERSION = re.compile(r"([a-z0-9_-]+)@(\d+(?:\.\d+)*)")
+# A number of more digits is no version, and of more than 4300 int() takes none.
+_VERSION = re.compile(r"([a-z0-9_-]+)@(\d{1,9}(?:\.\d{1,9})*)")
 
 
 @checked

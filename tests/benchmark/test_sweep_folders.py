@@ -6,6 +6,7 @@ import errno
 import fcntl
 import json
 import os
+import socket
 import time
 from contextlib import ExitStack
 from dataclasses import replace
@@ -214,6 +215,21 @@ def test_a_folder_can_be_anywhere_that_fsspec_opens(undisturbed: Path, tmp_path:
     assert whole(tmp_path / "shared") == whole(undisturbed)
     with pytest.raises(UserError, match="nowhere://x"):
         sweep(study_from(small()), "nowhere://x")
+
+
+@pytest.mark.parametrize("where", ["github://x", "jupyter://x", "dbfs://x", "no-such://x"])
+def test_a_url_that_fsspec_does_not_open_is_one_line(where: str) -> None:
+    with pytest.raises(UserError, match="an URL that fsspec opens"):
+        store.open_files(where)
+
+
+def test_a_system_that_cannot_be_reached_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def connect(*_: object, **__: object) -> None:
+        raise socket.gaierror(socket.EAI_NONAME, "Name or service not known")
+
+    monkeypatch.setattr("ftplib.FTP.connect", connect)
+    with pytest.raises(OutputError, match=r"ftp://no.such.host/x: Name or service not known"):
+        store.open_files("ftp://no.such.host/x")
 
 
 def test_there_a_lock_is_given_up_when_nobody_keeps_it_fresh() -> None:

@@ -105,6 +105,13 @@ def test_the_summary_has_a_line_for_each_setting(engines_swept: Path) -> None:
         assert in_digits == pytest.approx(scores[name].to_numpy(), rel=1e-12, abs=1e-15)
 
 
+def test_numbers_of_any_size_have_ten_digits() -> None:
+    sizes = np.array([1e-3, 1.0, 1e25, 1e39, 1e40, 1e55, 1e200, 1e307])
+    in_digits = to_digits(1.23456789012345 * sizes)
+    np.testing.assert_allclose(in_digits, 1.234567890 * sizes, rtol=1e-14)
+    assert to_digits(np.array([np.inf])) == np.inf
+
+
 @pytest.mark.parametrize("jobs", [1, pytest.param(3, marks=long_study)])
 def test_the_number_of_jobs_does_not_change_a_byte(
     jobs: int, tmp_path: Path, engines_swept: Path

@@ -143,3 +143,34 @@ def test_the_height_of_the_balls_top_is_no_height_of_a_bounce(tmp_path: Path) ->
     path.write_text("bounce,height of top of ball [cm]\n1,36.7\n2,21.2\n3,15.1\n4,12.4\n")
     with pytest.raises(UserError, match="height of top of ball"):
         hb.fit(path)
+
+
+# Anything that JSON has in place of a part of a notebook.
+STRANGE = ["null", "1", "true", '"x"', '""', "[]", "{}", "[null]", "[[]]", '{"text/plain": 1}']
+NOTEBOOKS = [
+    '{"nbformat": 4, "cells": PART}',
+    '{"nbformat": PART, "cells": []}',
+    '{"nbformat": 4, "cells": [PART]}',
+    '{"nbformat": 4, "cells": [{"source": PART}]}',
+    '{"nbformat": 4, "cells": [{"outputs": PART}]}',
+    '{"nbformat": 4, "cells": [{"outputs": [PART]}]}',
+    '{"nbformat": 4, "cells": [{"outputs": [{"text": PART}]}]}',
+    '{"nbformat": 4, "cells": [{"outputs": [{"data": PART}]}]}',
+    '{"nbformat": 4, "cells": [{"outputs": [{"data": {"text/plain": PART}}]}]}',
+]
+
+
+@pytest.mark.parametrize("form", [*NOTEBOOKS, "PART", "[PART]", "[[1], PART]", '{"a": PART}'])
+def test_json_of_wrong_types_is_refused_as_a_table(tmp_path: Path, form: str) -> None:
+    path = tmp_path / "drop.ipynb"
+    for part in STRANGE:
+        path.write_text(form.replace("PART", part), encoding="utf-8")
+        with pytest.raises(UserError):
+            read_datasets(path, EXACT)
+
+
+def test_a_notebook_with_damaged_cells_is_refused_as_one(tmp_path: Path) -> None:
+    path = tmp_path / "drop.ipynb"
+    path.write_text('{"nbformat": 4, "cells": [{"source": null}]}', encoding="utf-8")
+    with pytest.raises(UserError, match="a notebook with damaged cells"):
+        read_datasets(path, EXACT)

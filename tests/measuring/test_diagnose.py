@@ -226,6 +226,18 @@ def test_a_planted_cause_is_named_and_its_fix_cures(name: str) -> None:
     assert off(again, goal, found.facts.asked) < allowed, cause.fix
 
 
+@pytest.mark.parametrize("ball", ['solref="0 -950"', IMPULSE])
+def test_the_text_against_a_priority_keeps_the_solref_and_the_solimp_written(ball: str) -> None:
+    """The ball's solref and the plate's solimp together have e = 0.9; the plate's priority hides the
+    solref, and that of the ball would hide the solimp.
+    """
+    planted = Planted(ball, f'{STIFF} priority="1"')
+    (cause,) = [one for one in first_look(planted, None).causes if one.code == "priority"]
+    text = planted.pasted(cause.fix).text()
+    again = measure(text, ("ball", "plate"), speeds=SPEEDS, diagnose=False, rest=False)
+    assert off(again, 0.9) < 0.02, cause.fix
+
+
 ALONE = [
     name
     for name in PLANTED

@@ -202,6 +202,7 @@ def test_lines_for_an_older_mujoco_have_no_adhesion(
         ("pybullet@3.2.7", "expected a version of mujoco, which opens this model"),
         ("mujoco@1.0", "expected mujoco@3.3 ... mujoco@"),
         ("mujoco@99", "expected mujoco@3.3 ... mujoco@"),
+        ("mujoco@" + "9" * 5000, "expected an engine and its version, as ENGINE@3.5"),
     ],
 )
 def test_lines_are_written_for_a_known_version_of_the_models_engine(

@@ -390,11 +390,12 @@ class MujocoEngine(
         goal: e over speed.
         was: how the model stands as it is.
         rebuild: unused.
-        version: of MuJoCo that has to load them; () for any. Raises, at the call, UserError for
-        several files; as the settings are tried, what `tune_model.model_settings` raises:
-        SceneError for a model that does not compile, UserError where a pair cannot be measured, the
-        model cannot be written or no <pair> keeps its e, and SearchInterrupted with the best so
-        far.
+        version: numbers of MuJoCo's version that has to load what is written, such as (3, 5); ()
+        for the installed one.
+        Raises, at the call, UserError for several files; as the settings are tried, what
+        `tune_model.model_settings` raises: SceneError for a model that does not compile, UserError
+        where a pair cannot be measured, the model cannot be written or no <pair> keeps its e, and
+        SearchInterrupted with the best so far.
         """
         from hcbench.engines.mujoco.model.tune_model import model_settings
 

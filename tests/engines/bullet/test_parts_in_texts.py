@@ -8,6 +8,7 @@ import pytest
 from bullet_hopper import FLOOR, ROBOT
 
 import hcbench as hb
+from hcbench.engines.pybullet.model.open import LiveWorld, open_live
 from hcbench.engines.pybullet.scene.options import part_in_script
 from hcbench.system.errors import UserError
 
@@ -79,3 +80,27 @@ def test_a_file_that_cannot_be_written_is_refused_before_the_model_is_read(
         hb.tune_model([absent, files[1]], restitution=0.5, write_model=tmp_path / "x.urdf")
     with pytest.raises(UserError, match=r"write_include.*lines of a script"):
         hb.tune_model([absent, files[1]], rebound="5 mm", write_include=tmp_path / "x.xml")
+
+
+class Client:
+    """An object as BulletClient of pybullet_utils is one: its client's number is a field."""
+
+    def __init__(self, number: object) -> None:
+        self._client = number
+
+
+@pytest.mark.parametrize(
+    ("source", "says"),
+    [
+        (Client("0"), "a client '0' of a Client"),
+        (Client(None), "a client None of a Client"),
+        (LiveWorld("0"), "a client '0' of a LiveWorld"),  # type: ignore[arg-type]
+        (Client(77), "PyBullet client 77 is not connected"),
+        (LiveWorld(0, first=1), "first 1, second None; expected both, or neither"),
+        (LiveWorld(0, second=(1, 2)), r"first None, second \(1, 2\); expected both"),
+        (1.5, "a float; expected a path or a PyBullet World"),
+    ],
+)
+def test_what_is_no_live_world_is_refused(source: object, says: str) -> None:
+    with pytest.raises(UserError, match=says):
+        open_live(source, disconnect=False)

@@ -4,6 +4,7 @@ mj_step as the user would write them.
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -411,6 +412,17 @@ def test_velocities_of_a_keyframe_are_said_to_be_left_out() -> None:
     model = world().replace("</mujoco>", key)
     found = measure(model, ("ball", "plate"), key="run", speeds=[1.0], phases=1, diagnose=False)
     assert "start: keyframe 'run', at rest (its velocities are left out)" in as_text(found)
+
+
+def test_velocities_of_a_state_file_are_said_to_be_left_out(tmp_path: Path) -> None:
+    state = tmp_path / "state.json"
+    pose = [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+    for speed, said in ((1.0, ", at rest (its velocities are left out)"), (0.0, "")):
+        state.write_text(json.dumps({"qpos": pose, "qvel": [speed, *[0.0] * 5]}), encoding="utf-8")
+        found = measure(
+            world(), ("ball", "plate"), state=state, speeds=[1.0], phases=1, diagnose=False
+        )
+        assert f"start: qpos0 with qpos{said}\n" in as_text(found)
 
 
 FREE = "<freejoint/>"

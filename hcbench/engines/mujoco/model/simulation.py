@@ -62,6 +62,9 @@ class MujocoFlight:
 
     The model is only read: its flags are back as they were after each call. The model under test
     keeps `others` and `shares` of all its launches.
+
+    launch.c does the same without RK4, plug-in and oblique motion: change `take_steps` there with
+    `_step`, `_look_further` and `_depth_in_flight`.
     """
 
     def __init__(self, opened: OpenedModel, launch: Launch, space: LaunchWorkspace) -> None:
@@ -301,9 +304,10 @@ class MujocoFlight:
         """Read of a step what only some launches need: the approach rate after the same step without
         contact, m/s, and the motion along the plate, (8,).
 
-        x, rate, force: of the pair in the state before the step, m, m/s and N. The rate is NaN but
-        where a stage of RK4 may hide a contact; the motion is None but for oblique launches. Also
-        adds up the causes of the change of speed until the two are apart.
+        Called under RK4, for oblique launches, and where causes are looked for.
+        x, rate, force: of the pair in the state before the step, m, m/s and N. The returned rate is
+        NaN but where a stage of RK4 may hide a contact; the motion is None but for oblique launches.
+        Also adds up the causes of the change of speed until the two are apart.
         """
         seen = self._seen
         free = math.nan

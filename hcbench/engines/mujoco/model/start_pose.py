@@ -163,14 +163,18 @@ def start_pose(model: Any, request: Request, state: Any = None) -> tuple[Any, st
         name = "as it stands"
     else:
         name = _reset(model, data, request.key)
-    for joint, values in request.pose:
-        _set(model, data, joint, values)
-    if request.pose:
-        name += " with " + ", ".join(joint for joint, _ in request.pose)
     moves = data.qvel.any()
     if state is not None and request.key is None:
         # They are not copied.
         moves = state.qvel.any()
+    named = []
+    for joint, values in request.pose:
+        if _set(model, data, joint, values):
+            named.append(joint)
+        elif joint == "qvel":
+            moves = moves or any(values)
+    if named:
+        name += " with " + ", ".join(named)
     if moves:
         name += ", at rest (its velocities are left out)"
         data.qvel[:] = 0.0
@@ -202,11 +206,11 @@ def _reset(model: Any, data: Any, key: str | None) -> str:
     return f"keyframe {key!r}"
 
 
-def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> None:
-    """Set the numbers of a joint, or a whole field of the state such as qpos, in `data`.
+def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> bool:
+    """Set the numbers of a joint, or a whole field of the state such as qpos, in `data`; False for
+    a field of velocities or times, which is ignored.
 
     name: of a joint; of the body of a free joint, or "base" for the heaviest one; or of a field.
-    Fields of velocities and times are ignored.
     values: m, rad and quaternions w x y z; of a free joint also three, its position alone.
 
     Raises UserError for another name, and for another number of values.
@@ -230,7 +234,7 @@ def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> None:
     elif name in STATE_FIELDS:
         target = getattr(data, name).reshape(-1)
     elif name in _IGNORED:
-        return
+        return False
     else:
         raise UserError("qpos", f"no joint {name!r}", *suggest_names(name, names))
     if len(values) != len(target):
@@ -239,6 +243,7 @@ def _set(model: Any, data: Any, name: str, values: tuple[float, ...]) -> None:
             slot, f"{name}: {len(values)} numbers", f"{len(target)}: m, rad, quaternion w x y z"
         )
     target[:] = values
+    return True
 
 
 def posed_joints(model: Any, request: Request) -> set[int]:

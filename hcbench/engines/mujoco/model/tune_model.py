@@ -201,9 +201,8 @@ def attitudes_of(source: Any, request: Request) -> list[tuple[str, Request]]:
     """Ways in which a pair of a user's model can meet, such as the face, edge and vertex of a box:
     (attitude, request) of each; one of ("", request) where there is only one.
 
-    source: a file, MJCF text, MjModel or MjSpec.
-    Raises SceneError for a model that does not compile, UserError where the pair cannot be brought
-    to touch.
+    source: as of `load`.
+    Raises what `load` raises; UserError or SceneError where the pair cannot be brought to touch.
     """
     model, label, state = load(source, request)
     return attitudes(model, label, state, request)

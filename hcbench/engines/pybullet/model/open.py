@@ -512,7 +512,8 @@ def open_live(source: Any, disconnect: bool) -> LoadedWorld:
 
     source: a `LiveWorld`, a client id, or a BulletClient of pybullet_utils; None: client 0.
     disconnect: whether hcbench ends the client when it is done.
-    Raises UserError for any other source, and for a client that is not connected.
+    Raises UserError for any other source, for a client that is not connected, and for a `LiveWorld`
+    that has only one of `first` and `second`.
     """
     world = source
     if source is None or isinstance(source, int):
@@ -521,7 +522,13 @@ def open_live(source: Any, disconnect: bool) -> LoadedWorld:
         world = LiveWorld(source._client)
     if not isinstance(world, LiveWorld):
         raise UserError("model", f"a {type(source).__name__}", "a path or a PyBullet World")
-    number = world.client
+    if (world.first is None) != (world.second is None):
+        got = f"first {world.first!r:.40}, second {world.second!r:.40}"
+        raise UserError("model", f"a World with {got}", "both, or neither and a pair by name")
+    number: Any = world.client
+    if not isinstance(number, int):
+        got = f"a client {number!r:.40} of a {type(source).__name__}"
+        raise UserError("model", got, "the whole number of a PyBullet client")
     bullet = BulletClient(number)
     if not (0 <= number < 2**31 and bullet.isConnected()):
         raise UserError("model", f"PyBullet client {number} is not connected", "a live client")

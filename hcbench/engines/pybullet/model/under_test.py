@@ -704,8 +704,6 @@ def model_settings(
     """
     world, build = loaded(source, rebuild, requests[0].packages)
     if build is None:
-        if world.disconnect:
-            world.bullet.disconnect()
         raise UserError(
             "model", "a live client cannot be made again", "files, or a function for it"
         )

@@ -68,11 +68,16 @@ def mixing(context: Context) -> Iterator[Suspect]:
     if lost and low != high:
         winner = geom_name(model, higher)
         loser = geom_name(model, lower)
+        fix = f'{loser}: priority="{high + 1}"'
+        if not _has_both(model, lower, written):
+            # With the priority of the loser the solref or the solimp of the winner would be lost.
+            both = f'solref="{numbers(written.solref)}" solimp="{numbers(written.solimp)}"'
+            fix = f"{context.names}: {both}"
         yield Suspect(
             "priority",
             f"Geom {winner!r} has priority: the parameters of {loser!r} are not used.",
             f"priority {high} over {low}; solref is now {numbers(solref)}",
-            f'{loser}: priority="{high + 1}"',
+            fix,
             apply,
         )
         return
@@ -84,6 +89,12 @@ def mixing(context: Context) -> Iterator[Suspect]:
             f'{context.names}: {name}="{numbers(as_written)}"',
             apply,
         )
+
+
+def _has_both(model: Any, geom: int, contact: SoftConstraint) -> bool:
+    """Say whether a geom has both the solref and the solimp of a contact."""
+    has_solref = same(model.geom_solref[geom], contact.solref)
+    return has_solref and same(model.geom_solimp[geom], contact.solimp)
 
 
 def refsafe(context: Context) -> Iterator[Suspect]:
