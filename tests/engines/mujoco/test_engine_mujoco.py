@@ -352,7 +352,7 @@ print([place.hex() for place in data.qpos])
 
 
 def timed_and_places(is_command: bool) -> list[str]:
-    """Whether a process times a ball's steps, and the bits of where the ball lies after them."""
+    """ "True" where a process times the steps of a ball, and the bits of where the ball then lies."""
     ball = '<body pos="0 0 1"><freejoint/><geom size="0.1"/></body>'
     xml = f'<mujoco><worldbody><geom type="plane" size="1 1 1"/>{ball}</worldbody></mujoco>'
     code = FALL.format(is_command=is_command, xml=xml)
