@@ -110,8 +110,8 @@ class NumberStyle:
         return _with_uncertainty(number, by)
 
     def _number_with_unit(self, text: str) -> NumberCell | None:
-        """The number in a text of a number and its unit; None for other text, for a word that is no
-        unit, and for a number that is not of this style.
+        """The number in a text of a number and its unit; None for other text, for another word
+        than a unit, and for a number that is not of this style.
         """
         number = _NUMBER.match(text)
         if number is None:
@@ -193,7 +193,7 @@ class NumberStyle:
 
 
 def _cell_of(value: float, uncertainty: float, unit: str) -> NumberCell | None:
-    """A cell of these parts; None where the value is NaN, or a word is no unit."""
+    """A cell of these parts; None where the value is NaN, or a word is not a unit."""
     unit = unit.strip()
     # A number beyond all bounds is one, for its reader to refuse: as text it would end the table.
     if math.isnan(value) or (unit and not is_unit(unit)):

@@ -58,7 +58,7 @@ def tables_of_json(name: str, content: Any) -> list[tuple[str, list[Cells]]]:
     found = []
     for path, about, rows in tables:
         called = name if len(tables) == 1 else f"{name}, {sanitized(' '.join(path))}"
-        # An empty list or record is no row.
+        # An empty list or record gives no row.
         found.append((called, [row for row in (*about, *rows) if row]))
     return found
 

@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 _GRAVITY = 9.81  # m/s²
 # Files of a model that leave no choice of a pair.
 _TWO_FILES = 2
-# A number of more digits is no version, and of more than 4300 int() takes none.
+# No version has a number of more digits, and int() takes none of more than 4300.
 _VERSION = re.compile(r"([a-z0-9_-]+)@(\d{1,9}(?:\.\d{1,9})*)")
 
 
