@@ -85,6 +85,8 @@ _STEPS_FOR_A_RISE = 4
 _OF_NOISE = 0.02
 # Share by which a column of e may differ from the columns that it is computed from.
 _OF_E = 0.05
+# Impacts from which a law is fitted.
+LEAST_PAIRS = 3
 # Speeds that differ by less than this share are one speed.
 _ONE_SPEED = 1e-6
 # Share by which a first height may differ from that of the drop, and is it.
@@ -869,16 +871,16 @@ def _rises(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
 def _checked_pairs(pairs: SpeedPairs) -> SpeedPairs:
     """Return the impacts as they are; raise UserError for data that leave α unknown.
 
-    Needed are 3 to 500 impacts, two speeds or more, and an e above 0.
+    Needed are LEAST_PAIRS to 500 impacts, two speeds or more, and an e above 0.
     """
     name = pairs.name
     count = len(pairs.speed)
     if count > _MOST_PAIRS:
         advice = "Average those of nearly one speed"
         raise UserError(name, f"{count} impacts", f"up to {_MOST_PAIRS}", advice)
-    if count < 3:
+    if count < LEAST_PAIRS:
         advice = "Fewer say nothing of how far to trust them"
-        raise UserError(name, f"{count} impacts", "3 or more", advice)
+        raise UserError(name, f"{count} impacts", f"{LEAST_PAIRS} or more", advice)
     if float(np.ptp(pairs.speed)) <= _ONE_SPEED * float(pairs.speed.max()):
         got = f"{count} impacts, all at {pairs.speed[0]:.4g} m/s"
         raise UserError(name, got, "two speeds or more", "One speed gives one e, and no α")
