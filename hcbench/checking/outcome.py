@@ -126,6 +126,17 @@ LANDING = {
 }
 # Name -> quantity, of each foot of a recorded motion.
 TRAJECTORY = {"outside": "number", "normal": "speed", "slide": "speed"}
+# Words for a number that is NaN, by its name: what is missing there.
+_MISSING = {
+    "e": "unknown, without a speed",
+    "peak": "without a force: impacts are impulses",
+    "contact": "without a foot that touched",
+    "slip": "without a foot that touched",
+    "penetration": "without a foot that touched",
+    "outside": "without a band that hcbench wrote",
+    "normal": "unknown, without a speed",
+    "slide": "unknown, without a speed",
+}
 _LIMIT = re.compile(r"\s*(?P<name>[a-z]+)\s*(?P<way>[<>])=?\s*(?P<value>.+?)\s*")
 
 
@@ -242,7 +253,7 @@ def _judge(values: Sequence[tuple[Limit, float, str]], count: str) -> tuple[Verd
     verdict = Verdict.FAILED if exceeded else Verdict.PASSED
     value_text = f"{value:.4g} (SI)"
     if math.isnan(value):
-        value_text = "without a band that hcbench wrote"
+        value_text = _MISSING[limit.name]
     more = ""
     if exceeded > 1:
         more = f"; {exceeded} limits exceeded in {count}"

@@ -291,8 +291,13 @@ def kelvin_voigt_setting(target: Target) -> dict[str, float]:
     law's contact time in its middle.
 
     k and c from e = exp(-β t) and t = π/ω, contact ending at x = 0.
+    Raises SettingError for an e of 0, for which c would be infinite.
     """
     e, _ = minimax_constant(target)
+    if e == 0.0:
+        raise SettingError(
+            "restitution", "0", "e above 0: c is infinite at e = 0", "Take a small e, such as 0.01"
+        )
     middle = math.sqrt(target.speed_min * target.speed_max)
     duration = float(closed_form.duration(target.law, target.mass, middle))
     decay = -math.log(e) / duration

@@ -61,13 +61,13 @@ def error_budget(fit: LawFit, sets: Sequence[Dataset]) -> Budget:
     """Compute the budget of a law's first named parameter: α, s/m, or e of a constant.
 
     sets: those that the law was fitted to, in the order of the fit; all have one setup.
-    Inputs count where speeds come from flights; each is moved by its standard uncertainty, one at a
+    Inputs count where speeds come from flights or drops; each is moved by its standard uncertainty, one at a
     time. Touch times without a contact time also tell what one of 0.1 ms would change.
     """
     name = next(iter(fit.law.describe(tuple(fit.parameters), fit.reference)))
     setup = sets[0].setup
     inputs = []
-    if any(s.needs_gravity for s in sets):
+    if any(s.depends_on_setup for s in sets):
         inputs = list(setup.perturbed())
     setups = [shifted for _, _, shifted in inputs]
     has_touches = any(s.kind in ("times", "sound", "signal") for s in sets)

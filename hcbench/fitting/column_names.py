@@ -124,7 +124,8 @@ _ROLES: tuple[tuple[str, set[str], set[str]], ...] = (
     ("frame", {"frame"}, {"number", "begin", *_EVENTS}),
     ("sample", {"sample"}, {"number", "begin", *_EVENTS}),
 )
-# Names of lengths and times alone: "drop [cm]" is a height, "drop" a number.
+# Roles of single words by the kind of their unit: "drop [cm]" is a height; "drop" alone numbers the
+# drops.
 _BY_QUANTITY = {
     ("drop", "position"): "height_in",
     ("after", "position"): "height_out",
@@ -160,10 +161,10 @@ _BRACKETS = (
     re.compile(r"\(\s*([^()]*(?:\([^()]*\)[^()]*)*)\s*\)"),
     re.compile(r"\{\s*([^{}]*?)\s*\}"),
 )
-# What a word in brackets may add to a name: "v (in)", "e (mean)", "u(v)".
+# What a word in brackets may add to a name: "v (in)", "e (mean)", "e (std)".
 _IN_BRACKETS = {
     *("before", "after", "mean", "touch", "bounce", "drop", "vertical", "x", "y", "z", "peak"),
-    *("uncertainty"),
+    "uncertainty",
 }
 _RUN = re.compile(
     r"\s*(?:[,;:|-]\s*)?\b(?:run|data set|dataset|set|latest|mass [a-z]|mass_[a-z])\b\s*#?\s*\d*\s*:?\s*",
@@ -451,7 +452,8 @@ def role_of(name: str, unit: str = "") -> str:
     """Role of a column with this name; "u_" and the role for an uncertainty, "" for an unknown
     name.
 
-    unit: as the header has it: "drop [cm]" is a height, "drop" a number.
+    unit: as the header has it: "drop [cm]" is "height_in"; "drop" alone numbers the drops and has
+    no role, "".
     """
     found = set(meanings_of(name)) - {"mean"}
     if "uncertainty" in found:
@@ -600,7 +602,9 @@ def _adds_to_name(outside: str, inside: str) -> bool:
         return inside.lower() in ("in", "n") and bool(quantity) and not is_unit_of(inside, quantity)
     if meanings_of(outside) <= {"uncertainty"} and inside:
         return "?" not in meanings
-    return len(inside) > 1 and bool(meanings) and meanings <= _IN_BRACKETS
+    # A Latin letter alone is a unit or a symbol; "σ" and "±" are words.
+    is_letter = len(inside) == 1 and inside.isascii()
+    return not is_letter and bool(meanings) and meanings <= _IN_BRACKETS
 
 
 def _with_unit(name: str, unit: str) -> tuple[str, str]:

@@ -46,8 +46,13 @@ class Dataset(NoisyData, ABC):
 
     @property
     def needs_gravity(self) -> bool:
-        """True if speeds are computed from flights."""
+        """True if speeds are computed from flights between bounces."""
         return True
+
+    @property
+    def depends_on_setup(self) -> bool:
+        """True if gravity, and the air, make the speeds from what was read."""
+        return self.needs_gravity
 
     @abstractmethod
     def pairs(self) -> tuple[Floats, Floats]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -22,12 +22,41 @@ from hcbench.terms.resolution import SIGMAS_95
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from hcbench.fitting.flight import Ballistics
     from hcbench.fitting.recording import Indices
     from hcbench.fitting.setup import MeasurementSetup
     from hcbench.fitting.which_law import FittedCurve
     from hcbench.terms.impact import Floats
 
 # Impacts measured one by one: pairs of speed and e, or of the speeds in and out.
+
+
+@dataclass(frozen=True, slots=True)
+class DropHeights:
+    """Heights from which a ball was let go, one impact each, and what was read after it: (n,) each.
+
+    height, uncertainty: of the drops, m; 0 where none is given.
+    rebound: height after each impact, m; None where there is another reading.
+    flight: time from each impact to the next, s; likewise.
+    """
+
+    height: Floats
+    uncertainty: Floats
+    rebound: Floats | None = None
+    flight: Floats | None = None
+
+    def speeds(self, ballistics: Ballistics) -> tuple[Floats, Floats]:
+        """Impact speeds and their standard uncertainties, m/s: (n,) each."""
+        by_height = np.array([ballistics.dropped(height) for height in self.height])
+        return by_height[:, 0], by_height[:, 1] * self.uncertainty
+
+    def rebounds(self, ballistics: Ballistics) -> Floats | None:
+        """Speeds after the impacts, m/s, (n,); None without a height or a flight after them."""
+        if self.flight is not None:
+            return np.array([ballistics.launch(time) for time in self.flight])
+        if self.rebound is not None:
+            return ballistics.launch_to(self.rebound)
+        return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +68,7 @@ class SpeedPairs(Dataset):
     speed_uncertainty, restitution_uncertainty: (n,), standard, 0 where none is given.
     twice: whether e is v_out/v_in, so that an error of v_in counts in both; then without
     uncertainties the relative error of both speeds is to be found.
+    drops: of which the speeds are, by gravity and the air; None where speeds are given.
     """
 
     name: str
@@ -49,6 +79,7 @@ class SpeedPairs(Dataset):
     restitution_uncertainty: Floats
     twice: bool = False
     assumed: str = ""
+    drops: DropHeights | None = None
     noise_scale: ClassVar[float] = 0.01
     noise_unit: ClassVar[str] = ""
 
@@ -72,8 +103,22 @@ class SpeedPairs(Dataset):
 
     @property
     def needs_gravity(self) -> bool:
-        """False: the speeds are given."""
+        """False: no speed is of the flight between two impacts."""
         return False
+
+    @property
+    def depends_on_setup(self) -> bool:
+        """True if the speeds are those of drops."""
+        return self.drops is not None
+
+    def with_setup(self, setup: MeasurementSetup) -> SpeedPairs:
+        """The same readings under other conditions; drops then have other speeds."""
+        if self.drops is None:
+            return replace(self, setup=setup)
+        speed, uncertainty = self.drops.speeds(setup.ballistics)
+        after = self.drops.rebounds(setup.ballistics)
+        e = self.restitution if after is None else after / speed
+        return replace(self, setup=setup, speed=speed, restitution=e, speed_uncertainty=uncertainty)
 
     def pairs(self) -> tuple[Floats, Floats]:
         """The given impact speeds (m/s) and e."""

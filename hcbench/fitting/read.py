@@ -30,7 +30,7 @@ from hcbench.fitting.columns import (
 from hcbench.fitting.datasets import TouchTimes, rounding_of
 from hcbench.fitting.facts import require_usual_fall
 from hcbench.fitting.force import fit_loop, fit_pulse
-from hcbench.fitting.heights import Heights, SpeedPairs
+from hcbench.fitting.heights import DropHeights, Heights, SpeedPairs
 from hcbench.fitting.listening import listen, quick_score, with_contact
 from hcbench.fitting.numbers_in_text import rows_in_text
 from hcbench.fitting.pushes import is_single_push, recording_of, require_one_ball, weighed_ball
@@ -85,6 +85,8 @@ _STEPS_FOR_A_RISE = 4
 _OF_NOISE = 0.02
 # Share by which a column of e may differ from the columns that it is computed from.
 _OF_E = 0.05
+# Impacts from which a law is fitted.
+LEAST_PAIRS = 3
 # Speeds that differ by less than this share are one speed.
 _ONE_SPEED = 1e-6
 # Share by which a first height may differ from that of the drop, and is it.
@@ -755,10 +757,10 @@ def _pairs(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     columns.require(role, size > 0, "above 0")
     speed = size
     u_speed = columns.uncertainty(role)
+    drops = None
     if role == "height_in":
-        speed = np.array([setup.ballistics.dropped(height)[0] for height in size])
-        # A speed goes as the root of its height.
-        u_speed = 0.5 * speed * u_speed / size
+        drops = DropHeights(size, u_speed)
+        speed, u_speed = drops.speeds(setup.ballistics)
     require_bounds(f"{name}: {role}", speed.tolist(), "speed", "m/s")
     if "restitution" in columns.places:
         e = columns.get("restitution")
@@ -769,7 +771,8 @@ def _pairs(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
         columns.require("squared", (squared >= 0) & (squared <= 1.44), "0 ... 1")
         e = np.sqrt(squared)
         u_e = columns.uncertainty("squared") / (2.0 * np.maximum(e, 1e-3))
-    return _checked_pairs(SpeedPairs(name, setup, speed, e, u_speed, u_e, assumed=columns.assumed))
+    pairs = SpeedPairs(name, setup, speed, e, u_speed, u_e, assumed=columns.assumed, drops=drops)
+    return _checked_pairs(pairs)
 
 
 def _speeds(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
@@ -853,32 +856,36 @@ def _rises(columns: DataColumns, setup: MeasurementSetup) -> Dataset:
     columns.require("height_in", before > 0, "above 0")
     role = "height_out" if "height_out" in columns.places else "interval"
     after = columns.get(role)
+    nothing = np.zeros(len(before))
+    drops = DropHeights(before, nothing, rebound=after)
     if role == "interval":
+        drops = DropHeights(before, nothing, flight=after)
         launches = (ballistics.launch(time) for time in after)
         after = np.array([math.copysign(ballistics.apex(v)[0], v) for v in launches])
     name, _ = columns.table.header[columns.places[role]]
     if any(int(number) > 1 for number in re.findall(r"\d+", name)):
         raise UserError(columns.table.name, f"{name!r}", "the height of the first rebound")
     columns.require(role, (after >= 0) & (after <= before), "a rebound below the drop")
-    v_in = np.array([ballistics.dropped(height)[0] for height in before])
+    v_in, _ = drops.speeds(ballistics)
     e = ballistics.launch_to(after) / v_in
     _require_e(columns, e)
-    return _checked_pairs(_without_uncertainties(columns.table.name, setup, v_in, e))
+    pairs = _without_uncertainties(columns.table.name, setup, v_in, e)
+    return _checked_pairs(replace(pairs, drops=drops))
 
 
 def _checked_pairs(pairs: SpeedPairs) -> SpeedPairs:
     """Return the impacts as they are; raise UserError for data that leave α unknown.
 
-    Needed are 3 to 500 impacts, two speeds or more, and an e above 0.
+    Needed are LEAST_PAIRS to 500 impacts, two speeds or more, and an e above 0.
     """
     name = pairs.name
     count = len(pairs.speed)
     if count > _MOST_PAIRS:
         advice = "Average those of nearly one speed"
         raise UserError(name, f"{count} impacts", f"up to {_MOST_PAIRS}", advice)
-    if count < 3:
+    if count < LEAST_PAIRS:
         advice = "Fewer say nothing of how far to trust them"
-        raise UserError(name, f"{count} impacts", "3 or more", advice)
+        raise UserError(name, f"{count} impacts", f"{LEAST_PAIRS} or more", advice)
     if float(np.ptp(pairs.speed)) <= _ONE_SPEED * float(pairs.speed.max()):
         got = f"{count} impacts, all at {pairs.speed[0]:.4g} m/s"
         raise UserError(name, got, "two speeds or more", "One speed gives one e, and no α")

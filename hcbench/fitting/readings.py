@@ -102,6 +102,7 @@ def _turned(s: SpeedPairs) -> TableReading:
         s,
         speed=np.where(gains, after, s.speed),
         restitution=np.where(gains, 1.0 / s.restitution, s.restitution),
+        drops=None,
     )
     pairs = [f"{v:.4g} and {w:.4g} m/s" for v, w in zip(s.speed[gains], after[gains], strict=True)]
     return TableReading(turned, tuple(f"the speeds {pair} are exchanged" for pair in pairs))

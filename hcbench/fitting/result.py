@@ -559,7 +559,7 @@ def _budget(result: FitResult) -> list[str]:
     if budget.left_out:
         change = f"{budget.left_out:+.2g}{unit}"
         lines.append(f"left out: contacts; 0.1 ms each would change {name} by {change}")
-    if any(s.needs_gravity for s in result.sets) and not result.sets[0].setup.has_air:
+    if any(s.depends_on_setup for s in result.sets) and not result.sets[0].setup.has_air:
         lines.append(
             "left out: the air, which --mass and --diameter take in; table tennis balls need it"
         )

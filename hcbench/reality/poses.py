@@ -6,10 +6,12 @@ import csv
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from shlex import quote
 from xml.etree import ElementTree
 
 import numpy as np
 
+from hcbench.fitting.read import LEAST_PAIRS
 from hcbench.reality.data_sets import (
     Cell,
     Tick,
@@ -253,5 +255,7 @@ def text(own: Own, folder: Path) -> Iterator[str]:
         target = f"--restitution {known['restitution']:.3g} --friction {known['friction']:.3g}"
         yield ""
         yield "next:"
-        yield f"  hcbench fit {folder / PAIRS}"
+        # Of fewer impacts `hcbench fit` makes no law.
+        if sum(impact.good for impact in own.impacts) >= LEAST_PAIRS:
+            yield f"  hcbench fit {quote(str(folder / PAIRS))}"
         yield f"  hcbench tune MODEL --pair BODY,FLOOR {target}"

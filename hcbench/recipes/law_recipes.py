@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from hcbench.laws import closed_form
 from hcbench.laws.published import LAWS, PublishedLaw, TouchSpeedLaw
 from hcbench.recipes.recipe import Recipe, Role, first
-from hcbench.recipes.target import minimax_constant
+from hcbench.recipes.target import contact_times, minimax_constant
 from hcbench.system.errors import SettingError
 from hcbench.system.text import rounded_down
 from hcbench.terms.resolution import STEPS_OF_A_LAW
@@ -77,7 +77,9 @@ def plug_in_recipes(
     def published_law(target: Target, law: TouchSpeedLaw) -> Options:
         """Options of a setting with a published law, which must be resolved at the fastest impact."""
         advice = f"Use {_any_of(at_any_step)}, which has one restitution at any step"
-        _require_resolved(target, law.at(target.speed_max), advice)
+        fastest = law.at(target.speed_max)
+        shortest = float(closed_form.duration(fastest, target.mass, target.speed_max))
+        _require_resolved(target, shortest, advice)
         options = {"kind": "force", "law": law.family.slug, **published_law_options(target, law)}
         return {"law": options, **common}
 
@@ -152,7 +154,8 @@ def python_law_recipes(
 
 
 def _force_law(target: Target) -> Options:
-    _require_resolved(target, target.law, "Use `restitution-law`, which needs no resolved contact")
+    shortest, _ = contact_times(target, target.law)
+    _require_resolved(target, shortest, "Use `restitution-law`, which needs no resolved contact")
     return {"kind": "force", **law_options(target.law)}
 
 
@@ -223,11 +226,11 @@ def _any_of(names: Sequence[str]) -> str:
     return f"{', '.join(quoted[:-1])} or {quoted[-1]}"
 
 
-def _require_resolved(target: Target, law: HuntCrossley, advice: str) -> None:
+def _require_resolved(target: Target, shortest: float, advice: str) -> None:
     """Raise SettingError, with `advice`, for a target whose time step does not resolve the law's
-    contact at the band's highest speed, at which it is shortest: less than STEPS_OF_A_LAW steps.
+    shortest contact (s): less than STEPS_OF_A_LAW steps.
     """
-    steps = float(closed_form.duration(law, target.mass, target.speed_max)) / target.timestep
+    steps = shortest / target.timestep
     if steps < STEPS_OF_A_LAW:
         raise SettingError(
             "timestep",

@@ -68,11 +68,12 @@ def call(
 
     In a worker process of that interpreter already, it is called in place, without limits.
 
-    limit: s of its processor time, after which the worker counts as hung; None: never.
-    longest: s of the clock, likewise.
+    limit: s of its processor time; a process that is idle for as long counts as hung, too. None:
+    it is waited for for ever, and `longest` does not count.
+    longest: s of the clock, with a limit; infinity for none.
     at: the interpreter of another environment; None for this process' own.
 
-    Raises what the function raises; WorkerDied where the process crashed or passed a limit;
+    Raises what the function raises; WorkerDied where the process did not start, crashed or passed a limit;
     EngineMissing where the environment is gone; CannotRun where the pool of this thread was closed.
     """
     if _is_here(at):

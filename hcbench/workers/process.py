@@ -121,14 +121,16 @@ class Worker:
         longest: float = math.inf,
     ) -> list[Result]:
         """Run the generator `function(*args)` in the worker and return all it yields, each within
-        `limit` s of its processor time, and within `longest` s of the clock.
+        both limits.
 
-        limit, longest: None and infinity for no limit.
+        limit: s of its processor time; a process that is idle for as long counts as hung, too.
+        None: it is waited for for ever, and `longest` does not count.
+        longest: s of the clock, with a limit; infinity for none.
 
-        Raises what the function raises, and WorkerDied, with the results until then,
-        where it crashed or took longer; EngineMissing where the environment of the interpreter is
-        gone; CannotRun where this worker was closed. The process that raised goes on, and serves
-        the next call; after any other end the next call starts another.
+        Raises what the function raises, and WorkerDied, with the results until then, where the
+        process did not start, crashed or took longer; EngineMissing where the environment of the
+        interpreter is gone; CannotRun where this worker was closed. The process that raised goes on,
+        and serves the next call; after any other end the next call starts another.
         """
         results: list[Result] = []
         with self._lock:
@@ -219,8 +221,7 @@ class Worker:
         """Append what the worker sends to `results`, until it says that the call has ended; return
         the error that the function raised, None for none.
 
-        limit: s of the worker's processor time between two answers, None for any.
-        longest: s of the clock, likewise.
+        limit, longest: for each answer, as for `run`.
         Raises TimeoutError where an answer takes longer; EOFError or OSError where the process has
         ended.
         """
@@ -259,17 +260,20 @@ class Worker:
         return True
 
     def _cause_of_death(self, error: Exception) -> str:
-        """The reason why the process no longer answers, in words: too
-        late, a signal, or its exit code; it has up to 5 s to end.
+        """The reason why the process does not answer, in words: not started, too late, a signal, or
+        its exit code; it has up to 5 s to end.
 
-        error: what `_receive`, or sending, raised.
+        error: what `_start`, `_receive`, or sending, raised.
         """
         if isinstance(error, TimeoutError):
             return str(error)
+        if self._process is None:
+            return f"its process did not start: {error}"
         code = None
-        if self._process is not None:
-            with suppress(subprocess.TimeoutExpired):
-                code = self._process.wait(timeout=5.0)
+        with suppress(subprocess.TimeoutExpired):
+            code = self._process.wait(timeout=5.0)
+        if code is None:
+            return "its process no longer answers, and did not end"
         if code is not None and code < 0:
             return f"crashed with {signal.Signals(-code).name}"
         return f"its process ended with exit code {code}"

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -69,6 +70,25 @@ def test_the_value_nearest_to_its_limit_or_farthest_beyond_is_named(
     verdict, message = judge_landings(landings(e, slip, 0.0), limits)
     assert message.startswith(named)
     assert (verdict is Verdict.PASSED) == (e < 0.3)
+
+
+@pytest.mark.parametrize(
+    ("limit", "missing"),
+    [
+        ("peak < 3", "peak without a force: impacts are impulses, limit"),
+        ("slip < 5 mm", "slip without a foot that touched, limit"),
+        ("contact < 5 ms", "contact without a foot that touched, limit"),
+        ("penetration < 5 mm", "penetration without a foot that touched, limit"),
+    ],
+)
+def test_a_number_that_is_not_there_exceeds_its_limit_and_is_told(limit: str, missing: str) -> None:
+    """Where impacts are impulses the floor has no force, and without feet nothing slips."""
+    landed = landings(0.4, 0.0, 0.0)
+    (drop,) = landed.drops
+    without = replace(landed, drops=(replace(drop, feet=(), impulse=1.0),))
+    verdict, message = judge_landings(without, read_limits(limit, of_landing=True))
+    assert verdict is Verdict.FAILED
+    assert message.startswith(missing)
 
 
 BALL = """<mujoco><option timestep="2e-3"/><worldbody><geom name="plate" type="plane" size="1 1 .1"/>

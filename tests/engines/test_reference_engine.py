@@ -75,6 +75,13 @@ def test_the_spring_and_damper_has_the_best_constant_e_and_the_laws_contact_time
     )
 
 
+def test_no_spring_and_damper_stops_a_body_without_rebound() -> None:
+    law = HuntCrossley(SCENE.stiffness, ALPHA)
+    target = Target(law, SCENE.mass, 1e-3, 0.1, 0.9, reading="points", points=((1.0, 0.0),))
+    with pytest.raises(SettingError, match=r"^restitution: 0; expected e above 0"):
+        registry.recipe("reference.kelvin-voigt")(target)
+
+
 @pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.slug)
 def test_laws_that_came_after_have_one_restitution_for_all_speeds(law: PublishedLaw) -> None:
     setting = Setting("reference", law.slug, 1e-6, {"restitution": 0.7})

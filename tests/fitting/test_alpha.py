@@ -12,7 +12,8 @@ from measured_bounces import EXACT, G, synthesise, times_of, trials, write
 from hcbench.fitting import ask
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.fit import fit
-from hcbench.fitting.heights import Heights, SpeedPairs
+from hcbench.fitting.heights import DropHeights, Heights, SpeedPairs
+from hcbench.fitting.read import read_datasets
 from hcbench.fitting.setup import Known, MeasurementSetup
 
 
@@ -87,6 +88,38 @@ def test_alpha_goes_as_one_over_g_and_the_budget_says_so() -> None:
     assert at[0].alpha.value / at[1].alpha.value == pytest.approx(9.9 / 9.80665, rel=1e-6)
     (row,) = (row for row in at[0].budget.rows if row.source == "gravity")
     assert row.share == pytest.approx(at[0].alpha.value * 0.05 / 9.80665, rel=0.02)
+
+
+@pytest.mark.parametrize("reading", ["restitution", "rebound height [m]", "flight time [s]"])
+def test_gravity_counts_in_the_budget_of_drop_heights(tmp_path: Path, reading: str) -> None:
+    """The share is what a fit at another gravity changes: drops have speeds by gravity alone."""
+    path = tmp_path / "drops.csv"
+    drops = np.linspace(0.2, 1.6, 8)
+    speeds = np.sqrt(2.0 * 9.80665 * drops)
+    e = np.exp(np.random.default_rng(1).normal(0.0, 1e-3, 8)) * (1.0 - 0.03 * speeds)
+    after = {"restitution": e, "rebound height [m]": e**2 * drops}
+    after["flight time [s]"] = 2.0 * e * speeds / 9.80665
+    rows = [f"{h:.6f},{x:.6f}" for h, x in zip(drops, after[reading], strict=True)]
+    path.write_text(f"drop height [m],{reading}\n" + "\n".join(rows) + "\n")
+    found = []
+    for g in (9.80665, 9.81665):
+        setup = MeasurementSetup(gravity=Known(g, 0.01))
+        found.append(fit(read_datasets(path, setup), "hunt-crossley"))
+    first, moved = (one.alpha for one in found)
+    assert first is not None and moved is not None
+    (row,) = (row for row in found[0].budget.rows if row.source == "gravity")
+    assert row.share == pytest.approx(abs(moved.value - first.value), rel=0.05)
+
+
+def test_an_uncertain_height_counts_less_in_air() -> None:
+    """Near its final speed a ball arrives no faster from higher up."""
+    ball: Any = {"mass": Known(2.7e-3), "diameter": Known(0.04), "drag_coefficient": Known(0.47)}
+    ballistics = MeasurementSetup(gravity=G, **ball).ballistics
+    heights = np.array([0.5, 2.0, 8.0])
+    _, uncertainty = DropHeights(heights, np.full(3, 0.01)).speeds(ballistics)
+    above = [ballistics.dropped(height + 0.01)[0] for height in heights]
+    below = [ballistics.dropped(height - 0.01)[0] for height in heights]
+    assert uncertainty == pytest.approx(0.5 * np.subtract(above, below), rel=1e-3)
 
 
 def test_drag_that_is_left_out_makes_a_table_tennis_ball_lossy() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hcbench.fitting.column_names import split_header
+from hcbench.fitting.column_names import role_of, split_header
 from hcbench.fitting.sheets import read_sheets
 from hcbench.fitting.table import unit_scale
 from hcbench.system.errors import UserError
@@ -46,6 +46,15 @@ def test_other_units_are_read_as_people_spell_them(header: str, name: str, si: f
     read, unit = split_header(header)
     assert read == name
     assert unit_scale("file", name, unit, quantity) == pytest.approx(si)
+
+
+@pytest.mark.parametrize(
+    "word", ["uncertainty", "std", "sd", "SE", "error", "σ", "±", "error bar", "Unsicherheit"]
+)
+@pytest.mark.parametrize(("name", "role"), [("e", "u_restitution"), ("height", "u_height")])
+def test_a_word_for_uncertainty_in_brackets_is_no_unit(name: str, role: str, word: str) -> None:
+    found, unit = split_header(f"{name} ({word})")
+    assert (role_of(found), unit) == (role, "")
 
 
 @pytest.mark.parametrize("unit", ["m s-2", "m-1", "m/s-1", "s-1", "m s--1", "m s-12"])

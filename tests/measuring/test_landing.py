@@ -13,6 +13,7 @@ import hcbench
 from hcbench.checking import CheckSpec, check
 from hcbench.checking.outcome import Verdict, judge_landings, read_limits
 from hcbench.contact.mujoco import ConstantRestitution, add_to_spec
+from hcbench.engines.mujoco.model.over_floor import drive_of
 from hcbench.measuring.landing import as_record, as_text, labels
 from hcbench.reporting.measurement_page import landing_page
 from hcbench.sim.landing import PHASES, Landings
@@ -129,6 +130,25 @@ def test_motors_hold_the_pose_by_pd() -> None:
     assert {foot.part for foot in held.drops[0].feet} == {f"{n}_foot" for n in _LEGS}
     assert "trunk" in {foot.part for foot in limp.drops[0].feet}
     assert "4 motors by PD" in held.controller
+
+
+@pytest.mark.parametrize("pose", [0.0, 0.7, -1.2])
+def test_a_servo_that_integrates_its_control_holds_a_bent_pose(pose: float) -> None:
+    """The control of `intvelocity` is a rate: an angle as control turned the joint at 0.7 rad/s."""
+    arm = f"""<mujoco><worldbody>{FLOOR}<body name="base" pos="0 0 9"><freejoint/><geom size=".1"/>
+    <body><joint name="hinge" axis="0 1 0"/><geom size=".05" pos=".3 0 0"/></body>
+    </body></worldbody><actuator>
+    <intvelocity joint="hinge" kp="200" actrange="-3 3"/></actuator></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(arm)
+    data = mujoco.MjData(model)
+    data.joint("hinge").qpos = pose
+    mujoco.mj_forward(model, data)
+    drive, words = drive_of("pd", model, data, model.body("base").id)
+    for _ in range(500):
+        drive(data)
+        mujoco.mj_step(model, data)
+    assert data.joint("hinge").qpos[0] == pytest.approx(pose, abs=1e-3)
+    assert words == "1 actuator that integrates its control, at 0"
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,8 @@ settings, and what to type next.
 from __future__ import annotations
 
 import csv
+import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +15,9 @@ from click.testing import CliRunner
 
 from hcbench.cli import app
 from hcbench.reality import cube
-from hcbench.reality.poses import box, box_of
+from hcbench.reality.impacts import read_impacts
+from hcbench.reality.page import build_own
+from hcbench.reality.poses import Own, box, box_of, text
 from hcbench.system.errors import UserError
 
 SIZE = ["--size", "0.1048 0.1048 0.1048", "--mass", "0.37 kg", "--inertia", "0.00107"]
@@ -83,6 +87,28 @@ def test_a_table_that_is_no_toss_is_refused(toss: Path, change: object, said: st
     code, output = run("--poses", str(toss), *SIZE)
     assert code != 0
     assert said in output
+
+
+@pytest.mark.parametrize("count", [0, 2, 3])
+def test_the_next_command_is_one_that_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int
+) -> None:
+    """`hcbench fit` refuses one or two impacts; a folder's name may have a blank."""
+    tosses = cube.cases((1,))
+    sure = replace(
+        read_impacts(tosses.body, tosses.motions)[0], u_e=0.01, frames_after=1000, second=1.0
+    )
+    impacts = [replace(sure, speed_in=0.5 + 0.1 * i) for i in range(count)]
+    assert all(impact.good for impact in impacts)
+    folder = tmp_path / "my report"
+    own = Own(tosses, impacts, [])
+    build_own(own, folder)
+    monkeypatch.chdir(tmp_path)
+    printed = list(text(own, Path("my report")))
+    commands = [shlex.split(line)[1:] for line in printed if line.startswith("  hcbench fit")]
+    assert len(commands) == (count >= 3)
+    for command in commands:
+        assert CliRunner().invoke(app, command).exit_code == 0
 
 
 def test_a_box_needs_its_size() -> None:

@@ -5,6 +5,7 @@ left, in MuJoCo and in PyBullet.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,10 +22,13 @@ from hcbench.recipes.target import (
     Target,
     contact_time,
     minimax_constant,
+    require_end,
     resolvable_law,
     spring_damper_rates,
+    steps_per_contact,
 )
 from hcbench.system.errors import SettingError
+from hcbench.terms.resolution import STEPS_MOST
 
 SPEEDS = np.array([1.0, 1.9, 4.7, 11.0, 20.0]) * INCH
 ALPHAS = (0.002, 0.004, 0.008, 0.016)
@@ -55,17 +59,34 @@ def test_the_best_constant_and_what_it_leaves(
 
 @pytest.mark.parametrize("exponent", [1.0, 1.5, 3.0])
 def test_a_law_that_steps_do_not_resolve_is_softened_until_they_do(exponent: float) -> None:
-    """The shortest contact, at the highest speed of a band, then lasts
-    as many steps as were asked for.
-    """
+    """The shortest contact of the band then lasts as many steps as were asked for."""
     stiff = Target(HuntCrossley(STEEL_STIFFNESS, 0.3, exponent), STEEL_MASS, 1e-3, 0.1, 0.5)
     for steps in (24.0, 60.0):
         soft = resolvable_law(stiff, steps)
         ends = duration(soft, STEEL_MASS, np.array([0.1, 0.5]))
         assert float(ends.min()) == pytest.approx(steps * 1e-3, rel=1e-9)
         assert soft.alpha == 0.3
+        resolved_steps = replace(stiff, law=soft)
+        assert steps_per_contact(resolved_steps) == pytest.approx(steps, rel=1e-9)
     resolved = Target(HuntCrossley(1e4, 0.3, exponent), STEEL_MASS, 1e-4, 0.1, 0.5)
     assert resolvable_law(resolved) == resolved.law
+
+
+@pytest.mark.parametrize(
+    ("exponent", "shortest_at"), [(1.0, "low"), (1.2, "within"), (2.0, "high")]
+)
+def test_the_shortest_contact_of_a_lossy_law_need_not_be_the_fastest(
+    exponent: float, shortest_at: str
+) -> None:
+    """Loss makes the contact of a fast impact longer; stiffening by depth, n > 1, makes it shorter."""
+    law = HuntCrossley(1e6, 3.0, exponent)
+    target = Target(law, 0.1, 1e-5, 0.1, 0.6)
+    times = duration(law, 0.1, np.geomspace(0.1, 0.6, 1001))
+    least = int(times.argmin())
+    assert (least == 0, least == 1000) == (shortest_at == "low", shortest_at == "high")
+    assert steps_per_contact(target) == pytest.approx(float(times.min()) / 1e-5, rel=1e-3)
+    # The contact with the most steps that an evaluation ends with is the shortest.
+    require_end(replace(target, timestep=1.01 * float(times.min()) / STEPS_MOST))
 
 
 @pytest.mark.parametrize("timestep", [5e-4, 1e-3, 2e-3, 4e-3])

@@ -5,6 +5,7 @@ print of an engine gets through.
 from __future__ import annotations
 
 import ctypes
+import errno
 import os
 import signal
 import subprocess
@@ -179,6 +180,18 @@ def test_a_process_at_work_is_given_up_after_the_longest_time_of_the_clock() -> 
     with pytest.raises(EngineFailed, match=r"no answer within 0\.5 s"):
         call(burn, 600.0, limit=600.0, longest=0.5)
     assert call(burn, 0.1, limit=600.0, longest=60.0) == 0.1
+
+
+def test_a_process_that_cannot_start_is_told_with_the_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse_to_start(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOMEM, "Cannot allocate memory")
+
+    worker = process.Worker()
+    monkeypatch.setattr(subprocess, "Popen", refuse_to_start)
+    with pytest.raises(process.WorkerDied, match=r"did not start: .*Cannot allocate memory"):
+        worker.run(refuse_a_third, ([1],), None)
 
 
 def test_what_always_crashes_is_given_up() -> None:

@@ -16,6 +16,7 @@ from hcbench.recipes.recipe import Recipe, Role, Search, map_result, stock
 from hcbench.recipes.target import (
     Target,
     contact_time,
+    contact_times,
     implicit_spring_damper,
     minimax_constant,
     resolvable_law,
@@ -125,9 +126,7 @@ class FittedImpacts:
         speeds: how many.
         denser: factor on the number of phases of a step at each speed.
         """
-        # Of a contact, s.
-        shortest = float(closed_form.duration(law, target.mass, target.speed_max))
-        longest = float(closed_form.duration(law, target.mass, target.speed_min))
+        shortest, longest = contact_times(target, law)
         h = max(target.timestep, shortest / _STEPS_MOST)
         phases_of_step = np.clip(round(_LAUNCHES * h / shortest), _PHASES_LEAST, _PHASES_MOST)
         phases = int(denser * phases_of_step)

@@ -188,13 +188,27 @@ def drive_of(
 
 
 def _settle(model: Any, data: Any, controls: Floats) -> None:
-    """Give the filters of actuators the controls, as if these had been constant for long, where the
-    pose of `data` has no activations of its own.
+    """Give every actuator with one activation that of the pose at rest, where the pose has none of
+    its own: a filter or a muscle its control, as after long, a servo that integrates its length.
+
+    data: MjData of the pose, with its kinematics.
     """
     if data.act.any():
         return
     for actuator in np.flatnonzero(model.actuator_actnum == 1).tolist():
-        data.act[model.actuator_actadr[actuator]] = controls[actuator]
+        if not _integrates(model, actuator):
+            activation = controls[actuator]
+        elif float(model.actuator_biasprm[actuator, 1]) < 0.0:
+            activation = data.actuator_length[actuator]
+        else:
+            # A motor's: its torque is 0.
+            activation = 0.0
+        data.act[model.actuator_actadr[actuator]] = activation
+
+
+def _integrates(model: Any, actuator: int) -> bool:
+    """Say whether the control of an actuator is the rate of its activation, as of `intvelocity`."""
+    return int(model.actuator_dyntype[actuator]) == int(backend().mjtDyn.mjDYN_INTEGRATOR)
 
 
 def _function(function: Callable[[Any, Any], Any], model: Any) -> Drive:
@@ -239,7 +253,8 @@ def _pd(
     describes it.
 
     Position servos get the controls of the pose or their joint's angle as target, see `_holding`;
-    motors get PD torques; joints without an actuator are free.
+    motors get PD torques; actuators that integrate their control get 0, which keeps what they hold,
+    see `_settle`; joints without an actuator are free.
 
     start: MjData of the pose to hold, with its kinematics and mass matrix.
     root: number of the robot's base body; actuators of other robots keep their controls.
@@ -259,6 +274,10 @@ def _pd(
         many = f"{drive.servos.size} position servos hold their joints"
         by = " by the pose's ctrl" if drive.by_controls else ""
         described.append((few if drive.servos.size == 1 else many) + by)
+    if drive.resting.size:
+        few = "1 actuator that integrates its control"
+        many = f"{drive.resting.size} actuators that integrate their controls"
+        described.append(f"{few if drive.resting.size == 1 else many}, at 0")
     if drive.motors:
         kp_span = _span([motor.kp for motor in drive.motors])
         kd_span = _span([motor.kd for motor in drive.motors])
@@ -288,6 +307,7 @@ def _holding(
     angles: list[float] = []
     unposed: list[int] = []
     motors: list[_Motor] = []
+    resting: list[int] = []
     for actuator in range(model.nu):
         joint = int(model.actuator_trnid[actuator, 0])
         if not _turns_or_slides(model, actuator, joint):
@@ -299,6 +319,10 @@ def _holding(
         gear = float(model.actuator_gear[actuator, 0]) or 1.0
         gain = float(model.actuator_gainprm[actuator, 0])
         bias = model.actuator_biasprm[actuator]
+        if _integrates(model, actuator):
+            # `_settle` gives it the angle to hold, from which any other control moves it.
+            resting.append(actuator)
+            continue
         # MuJoCo: force = gain ctrl + b0 + b1 length + b2 velocity.
         # A position servo has -kp in the second number of its bias.
         if float(bias[1]) < 0.0:
@@ -315,7 +339,14 @@ def _holding(
     by_controls = bool(given[unposed].any())
     if by_controls:
         targets[unposed] = given[unposed]
-    return _Pd(start.qpos.copy(), np.array(servos, int), targets, by_controls, tuple(motors))
+    return _Pd(
+        pose=start.qpos.copy(),
+        servos=np.array(servos, int),
+        targets=targets,
+        by_controls=by_controls,
+        motors=tuple(motors),
+        resting=np.array(resting, int),
+    )
 
 
 def hold_pose(model: Any, start: Any, root: int, posed: Container[int] = ()) -> tuple[Floats, str]:
@@ -379,6 +410,7 @@ class _Pd:
     pose: its qpos.
     servos: numbers of the position servos; targets: their controls, alike.
     by_controls: whether these are the pose's own, and not the angles of the joints.
+    resting: numbers of the actuators that integrate their control, which is 0.
     """
 
     pose: Floats
@@ -386,9 +418,11 @@ class _Pd:
     targets: Floats
     by_controls: bool
     motors: tuple[_Motor, ...]
+    resting: Any
 
     def __call__(self, data: Any) -> None:
         """Set the controls of an MjData."""
+        data.ctrl[self.resting] = 0.0
         data.ctrl[self.servos] = self.targets
         for motor in self.motors:
             behind = self.pose[motor.angle] - data.qpos[motor.angle]
