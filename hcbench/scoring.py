@@ -544,16 +544,6 @@ def score(impacts: Sequence[Impact], law: HuntCrossley, mass: float) -> Score:
     return total.score()
 
 
-def phase_spread(impacts: Sequence[Impact]) -> float:
-    """The largest difference in e between launches that differ in phase only; NaN with nothing to
-    compare.
-
-    impacts: measured ones; one without an e makes the difference NaN.
-    """
-    columns = _columns(impacts)
-    return _spread_over_phases(columns.launch, columns.e)
-
-
 def _columns(impacts: Sequence[Impact]) -> Measured:
     """Impacts as columns of shape (n,): speeds in m/s, energies lost over the kinetic energy
     before.

@@ -397,10 +397,22 @@ def _other_model_sweep(there: bytes, here: str) -> str:
         old = {}
     if not isinstance(old, dict):
         old = {}
-    for name, value in parse_json(here).items():
-        if old.get(name) != value:
-            words = name.replace("_", " ")
-            return f"{words} {sanitized(f'{old.get(name)!r:.60} instead of {value!r:.60}')}"
+    return _first_difference(old, parse_json(here))
+
+
+def _first_difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
+    """The first entry of two tables that differs, in words, by its name in the innermost table; ""
+    for none.
+    """
+    for name in dict.fromkeys((*new, *old)):
+        before = old.get(name)
+        value = new.get(name)
+        if before == value:
+            continue
+        words = sanitized(name.replace("_", " "))
+        if isinstance(before, dict) and isinstance(value, dict):
+            return f"{words}: {_first_difference(before, value)}"
+        return f"{words} {sanitized(f'{before!r:.60} instead of {value!r:.60}')}"
     return ""
 
 

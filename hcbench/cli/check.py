@@ -32,7 +32,7 @@ from hcbench.system.text import joined_names, sanitized, split_names
 from hcbench.terms.options import LAUNCHES, OPTIONS, renamed
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from hcbench.checking.spec import CheckSpec
     from hcbench.measuring.measure import Job
@@ -142,7 +142,7 @@ def measure(
         # Whoever asks for more than a list has to name a pair.
         if page is not None or contact or asked.wanted is not None:
             raise
-        _list_pairs(job, asked.limit, as_json, models, python)
+        _list_pairs(job, asked.limit, as_json, models, python, options)
         return
     if measurement.failure:
         raise EngineFailed("model", measurement.failure, "a bounce")
@@ -227,13 +227,20 @@ def _measure_trajectory(job: Job, trajectory: Path, limit: float | None, as_json
 
 
 def _list_pairs(
-    job: Job, limit: float | None, as_json: bool, models: tuple[str, ...], python: str | None
+    job: Job,
+    limit: float | None,
+    as_json: bool,
+    models: tuple[str, ...],
+    python: str | None,
+    options: Mapping[str, object],
 ) -> None:
-    """Print which parts of a model can meet, and the command that measures the first.
+    """Print which parts of a model can meet, and the command that measures the first as it was
+    asked for.
 
     job: its model, engine and pose.
-    limit: s, after which the worker counts as hung. models,
-    python: as they were typed.
+    limit: s, after which the worker counts as hung.
+    models, python: as they were typed.
+    options: of the command, by their names; the printed one repeats them.
     Raises UserError for a model that cannot be opened, and EngineFailed.
     """
     from hcbench.measuring.measure import list_pairs
@@ -246,8 +253,9 @@ def _list_pairs(
         return
     show(as_table(parts).rstrip())
     if parts:
-        line = f"hcbench measure {_typed(models, python)} --pair {quote(_to_launch(parts).pair)}"
-        show(f"\nnext:\n  {line}")
+        pair = quote(_to_launch(parts).pair)
+        launches = typed_again(options, [*LAUNCHES, "engine", "limit"])
+        show(f"\nnext:\n  hcbench measure {_typed(models, python)} --pair {pair}{launches}")
 
 
 def _to_launch(parts: Sequence[CandidatePair]) -> CandidatePair:
@@ -320,7 +328,7 @@ def pairs(models: tuple[str, ...], python: str | None, as_json: bool, **options:
     print(f"hcbench: {renamed('pairs', 'measure, without --pair')}", file=sys.stderr)
     asked = plan(_spec(models, python, options, required=True))
     job = Job(asked.source, asked.engine, asked.request, None, TOLERANCE, diagnose=False)
-    _list_pairs(job, asked.limit, as_json, models, python)
+    _list_pairs(job, asked.limit, as_json, models, python, options)
 
 
 @command()

@@ -179,27 +179,23 @@ def scatter_widths(law: CandidateLaw, sets: Sequence[Dataset], reference: float)
 
 
 def _freed(law: CandidateLaw, sets: Sequence[Dataset], reference: float) -> list[Floats]:
-    """Widths to start from, (m,) per data set: impacts that stand out, a few, may be anywhere.
+    """Widths to start from, (m,) per data set: impacts that stand out in it may be anywhere, at most
+    _MOST_FREED of a data set, and no larger share of it than MOST_OUTLIERS.
 
     One impact far off raises the scatter of all so much that it would hardly count as one.
+
     reference: m/s.
     """
-    widths = [np.ones(len(s.touches())) for s in sets]
-    count = sum(map(len, widths))
-    for _ in range(min(_MOST_FREED, int(MOST_OUTLIERS * count))):
-        # (widths of a data set, number of an impact that stands out in it).
-        off: list[tuple[Floats, int]] = []
-        for s, wide in zip(sets, widths, strict=True):
+    widths = []
+    for s in sets:
+        wide = np.ones(len(s.touches()))
+        for _ in range(min(_MOST_FREED, int(MOST_OUTLIERS * len(wide)))):
             fit = fit_law(law, [s], reference, [wide])
-            for flag in flagged_touches(fit, [s]):
-                if flag.what != "bounced off":
-                    continue
-                touch = s.touches().index(flag.touch)
-                off.append((wide, touch))
-        if not off:
-            break
-        for wide, touch in off:
-            wide[touch] = _ANYWHERE
+            off = [flag for flag in flagged_touches(fit, [s]) if flag.what == "bounced off"]
+            if not off:
+                break
+            wide[s.touches().index(off[0].touch)] = _ANYWHERE
+        widths.append(wide)
     return widths
 
 

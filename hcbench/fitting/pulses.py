@@ -156,8 +156,9 @@ def _with_width(away: Floats, rate: float, noise: float, width: int) -> Pulses |
     """The pulses whose energy, averaged over `width` samples, stands out; None for none.
 
     away: the signal without its zero, (n,).
-    noise: its standard deviation in quiet.
     rate: Hz.
+    noise: its standard deviation in quiet, above 0.
+    width: in samples.
     """
     from scipy.ndimage import uniform_filter1d
     from scipy.special import chdtri

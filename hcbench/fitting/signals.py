@@ -65,6 +65,9 @@ _DURATIONS = (0.3, 100.0)
 _LEAST_RATE = 40.0
 # Times that tell whether they are even, at least.
 _LEAST_EVENED = 10
+# Samples were dropped where a step of time is as long as this many even ones or longer. Rounding
+# makes none so long, up to 840 samples a second in whole milliseconds.
+_GAP = 1.7
 # A vector's size is taken where its pulses are this many times as clear as those of its axes.
 _FAR_CLEARER = 2.0
 # A fall to and from the largest height takes longer than this, s; no push does.
@@ -404,7 +407,8 @@ def _flies(times: Floats, values: Floats) -> bool:
 
 
 def evened(times: Floats) -> Floats | None:
-    """Times of samples, (n,), that are even but for their rounding; None where they are not.
+    """Times of samples, (n,), that are even but for their rounding; None where they are not, where
+    samples were dropped, and for fewer than _LEAST_EVENED times.
 
     A force over rounded times would have a wrong impulse.
     """
@@ -412,6 +416,8 @@ def evened(times: Floats) -> Floats | None:
         return None
     even = np.linspace(times[0], times[-1], len(times))
     step = float(even[1] - even[0])
+    if float(np.diff(times).max()) >= _GAP * step:
+        return None
     return even if float(np.abs(times - even).max()) <= _ALIKE * step else None
 
 

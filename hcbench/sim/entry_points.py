@@ -103,5 +103,9 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> UserError:
 
     names = list(known)
     near = get_close_matches(name, names, 1)
-    advice = f"Did you mean {near[0]!r}?" if near else "`hcbench engines` lists them"
+    advice = "`hcbench engines` lists them"
+    if kind == "recipe":
+        advice = "`hcbench engines -v` lists them"
+    if near:
+        advice = f"Did you mean {near[0]!r}?"
     return UserError(kind, repr(name), f"one of: {', '.join(names) or 'none'}", advice)

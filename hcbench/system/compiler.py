@@ -48,7 +48,7 @@ class NotCompiled(CannotRun):
 
 
 def compiler() -> list[str]:
-    """Return the command that compiles C, without arguments of its own.
+    """Return the command that compiles C, with the arguments that $CC has and none of hcbench's.
 
     Raises NotCompiled if none is found, UserError if $CC cannot be parsed.
     """

@@ -380,7 +380,8 @@ def test_another_sweep_does_not_get_mixed_in(
     with in_place():
         changes: list[tuple[Path, dict[str, Any], str]] = [
             (model, {"vary": ["friction=0.2"]}, "parameters"),
-            (model, {"speeds": "2 m/s"}, "launches"),
+            (model, {"speeds": "2 m/s"}, r"launches: speeds \[.*\] instead of \[2\.0\]"),
+            (model, {"gravity": 3.7}, "launches: gravity None instead of"),
             (model, {"part_rows": 3}, "rows in a part"),
             (other, {}, "files"),
         ]

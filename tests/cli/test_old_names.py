@@ -83,6 +83,17 @@ def test_measure_without_a_pair_lists_what_can_meet(capsys: pytest.CaptureFixtur
     assert old.out == new.out and "pairs is now measure, without --pair" in old.err
 
 
+def test_the_pair_to_measure_next_is_measured_as_it_was_asked_for(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The line dropped the pose: the model was measured in another one than that of the list."""
+    robot = str(ROOT / "examples" / "quadruped.xml")
+    assert run(["measure", robot, "--engine=mujoco", "--timestep=1 ms"]) == 0
+    line = " ".join(capsys.readouterr().out.partition("next:\n")[2].replace("\\\n", " ").split())
+    asked = "--pair left_front_foot,floor --timestep '1 ms' --engine mujoco"
+    assert line == f"hcbench measure {robot} {asked}"
+
+
 def test_a_target_asks_for_a_pair(capsys: pytest.CaptureFixture[str]) -> None:
     robot = str(ROOT / "examples" / "quadruped.xml")
     assert run(["measure", robot, "--alpha=0.3"]) == 2

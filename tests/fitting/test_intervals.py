@@ -10,6 +10,8 @@ from measured_bounces import EXACT, synthesise, times_of
 from hcbench.fitting.datasets import TouchTimes
 from hcbench.fitting.fit import fit
 from hcbench.fitting.heights import SpeedPairs
+from hcbench.fitting.misfits import _freed
+from hcbench.fitting.which_law import LAWS, WITH_E0
 
 TRIALS = 16
 
@@ -67,3 +69,14 @@ def test_the_interval_holds_at_any_scatter(scatter: float, outliers: float) -> N
     held, found = hits(make, 0.5)
     assert held >= 13
     assert np.median(found) == pytest.approx(scatter, rel=0.2)
+
+
+def test_a_second_file_does_not_let_more_impacts_of_the_first_be_anywhere() -> None:
+    """The bound was of all files together, and each of two freed a third of its impacts."""
+    law = synthesise.hunt_crossley(0.2)
+    v = np.linspace(0.5, 3.0, 6)
+    e = np.array([law(x) for x in v]) * (1 + 1e-3 * np.random.default_rng(1).standard_normal(6))
+    e[[0, 3]] *= 0.3, 0.8
+    data = SpeedPairs("p", EXACT, v, e, np.zeros(6), np.zeros(6))
+    freed = [int((wide > 1.0).sum()) for wide in _freed(LAWS[WITH_E0], [data, data], 1.0)]
+    assert freed == [1, 1]

@@ -12,7 +12,7 @@ from measured_bounces import G, synthesise, write
 
 import hcbench as hb
 from hcbench.cli import run
-from hcbench.fitting.signals import signal_in
+from hcbench.fitting.signals import evened, signal_in
 from hcbench.system.errors import UserError
 
 ALPHA = 0.2
@@ -83,6 +83,27 @@ def test_four_pushes_are_one_ball_s_by_their_impulses(tmp_path: Path) -> None:
     found = hb.fit(write(tmp_path, "time [s],force [N]\n" + lines(force, 1000)))
     assert found.alpha is not None and found.alpha.low <= ALPHA <= found.alpha.high
     assert not found.doubts
+
+
+def test_a_sample_dropped_in_a_push_leaves_its_impulse(tmp_path: Path) -> None:
+    """In the middle of a recording its times are off by half a step, as rounded ones may be."""
+    rate = 1000.0
+    times = np.arange(400) / rate
+    force = 100.0 * np.cos(np.clip((times - 0.2) / 0.011, -0.5, 0.5) * np.pi)
+    impulse = force.sum() / rate
+    kept = np.delete(np.stack([times, force], axis=1), 201, axis=0)
+    rows = "".join(f"{t:.3f},{f:.4f}\n" for t, f in kept)
+    signal = signal_in(Path(write(tmp_path, "time [s],force [N]\n" + rows)))
+    assert signal is not None
+    assert signal.values.sum() / signal.rate == pytest.approx(impulse, rel=0.02)
+
+
+@pytest.mark.parametrize("rate", [120.0, 240.0, 400.0, 480.0, 800.0, 1000.0])
+def test_times_in_whole_milliseconds_are_evened(rate: float) -> None:
+    times = np.arange(500) / rate
+    even = evened(np.round(times, 3))
+    assert even is not None
+    assert even == pytest.approx(times, abs=1e-3)
 
 
 SCOPES = {

@@ -168,8 +168,9 @@ def test_energy_gained_is_flagged() -> None:
 
 def test_phase_spread_is_over_phases_of_one_speed_only() -> None:
     impacts = [constant_impact(v, e, p) for v, e in ((0.1, 0.9), (0.2, 0.5)) for p in (0.0, 0.5)]
-    assert scoring.phase_spread(impacts) == 0
-    assert scoring.phase_spread([*impacts, constant_impact(0.2, 0.4, 0.7)]) == pytest.approx(0.1)
+    assert scoring.score(impacts, LAW, MASS).phase_spread == 0
+    impacts.append(constant_impact(0.2, 0.4, 0.7))
+    assert scoring.score(impacts, LAW, MASS).phase_spread == pytest.approx(0.1)
 
 
 def test_failures_are_counted_and_never_in_the_curve() -> None:

@@ -21,7 +21,7 @@ from hcbench.measuring import measure
 from hcbench.recipes.target import Target
 from hcbench.sim import registry
 from hcbench.sim.stop import CONTACT_S, End, StopRule
-from hcbench.system.errors import SettingError
+from hcbench.system.errors import SettingError, UserError
 from hcbench.terms.impact import Impact, Launch, Status
 from hcbench.terms.scene import load_scene
 from hcbench.terms.setting import Setting
@@ -197,3 +197,10 @@ def test_without_friction_slip_and_spin_leave_the_normal_restitution_as_it_is(re
     assert oblique.is_oblique
     assert other.launch == oblique
     assert other.restitution == pytest.approx(one.restitution, abs=1e-9)
+
+
+def test_a_recipe_of_no_known_name_is_answered_by_what_lists_recipes() -> None:
+    with pytest.raises(UserError, match="`hcbench engines -v` lists them"):
+        registry.recipe("zzz.qqq")
+    with pytest.raises(UserError, match="`hcbench engines` lists them"):
+        registry.engine("zzz")

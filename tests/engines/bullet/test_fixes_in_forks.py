@@ -72,3 +72,14 @@ def test_a_fix_in_forks_bounces_as_in_a_world_loaded_again(
         assert bounces(again) == tried
         assert again.facts() == facts
     assert opened.timestep == pytest.approx(1 / 240)
+
+
+@pytest.mark.parametrize("forks", [True, False])
+def test_a_fix_of_a_fixed_model_keeps_the_first(
+    opened: PybulletModel, monkeypatch: pytest.MonkeyPatch, forks: bool
+) -> None:
+    """A world made again had the second alone."""
+    monkeypatch.setattr(under_test, "can_fork", lambda _: forks)
+    nothing = Suspect("nothing", "Changes nothing.", "", "", lambda _: None)
+    with opened.fixed([FIX]) as first, first.fixed([nothing]) as second:
+        assert second.timestep == pytest.approx(1 / 480)

@@ -215,6 +215,9 @@ def test_a_link_on_a_prismatic_joint(files: tuple[Path, Path], tmp_path: Path) -
     assert "rail" in found.facts.moved
     assert found.facts.effective_mass == pytest.approx(0.7, rel=1e-9)
     assert [i.restitution for i in found.impacts] == pytest.approx([0.8] * 4, abs=1e-6)
+    # A joint has a way of its own: from which side was ignored.
+    with pytest.raises(UserError, match="coming_from: given with move 'joint:rail'"):
+        measure(built, speeds=[0.5], move="joint:rail", coming_from="above")
 
 
 def test_one_file_after_another_leaks_nothing(files: tuple[Path, Path]) -> None:

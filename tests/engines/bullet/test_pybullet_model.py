@@ -12,7 +12,10 @@ import numpy as np
 import pytest
 
 from hcbench.contact import pybullet as contact
+from hcbench.engines.pybullet.backend import BulletClient
+from hcbench.engines.pybullet.model.open import BodyPart
 from hcbench.engines.pybullet.model.open import LiveWorld as World
+from hcbench.engines.pybullet.model.place import swing_to_touch
 from hcbench.measuring import measure
 from hcbench.measuring.measure import pairs
 from hcbench.measuring.request import make_request
@@ -247,6 +250,25 @@ def test_a_planar_joint_has_no_known_effective_mass(tmp_path: Path) -> None:
     bullet.disconnect(client)
     assert np.isnan(found.facts.effective_mass)
     assert found.measured
+
+
+def test_joints_that_do_not_lead_to_the_other_are_put_back(tmp_path: Path) -> None:
+    """The next try, of the other body's joints, began at the pose in which this one had ended."""
+    path = tmp_path / "arm.urdf"
+    arm = link("arm", 3, ROUND).replace("</inertial>", "</inertial>" + SPHERE)
+    parts = link("base", 1, ROUND), arm, joint("revolute", "base", "arm", "0 0 0")
+    path.write_text(f'<robot name="robot">{"".join(parts)}</robot>')
+    client = bullet.connect(bullet.DIRECT)
+    here = {"physicsClientId": client}
+    ball = bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=0.1, **here)
+    far = bullet.createMultiBody(0, ball, basePosition=[2, 0, 0], **here)
+    robot = bullet.loadURDF(str(path), useFixedBase=True, **here)
+    bullet.resetJointState(robot, 0, 0.3, 0.2, **here)
+    one, other = BodyPart("arm", robot, 0), BodyPart("ball", far, -1)
+    assert swing_to_touch(BulletClient(client), one, other) is None
+    position, velocity = bullet.getJointState(robot, 0, **here)[:2]
+    bullet.disconnect(client)
+    assert (position, velocity) == (0.3, 0.2)
 
 
 @pytest.fixture

@@ -570,3 +570,9 @@ def test_an_inertial_without_a_mass_above_0_is_refused_by_the_bodys_name(mass: s
     body = ET.fromstring(f'<body name="block"><inertial {mass} diaginertia="1 1 1"/></body>')
     with pytest.raises(SceneError, match=r"<inertial> of 'block'.*a mass in kg above 0"):
         set_mass(body, 1.0, Path("scene.xml"))
+
+
+@pytest.mark.parametrize("name", ["a--b", "a---b", "a----b"])
+def test_hyphens_of_a_scene_s_name_leave_its_model_xml(name: str) -> None:
+    text = model_xml(dataclasses.replace(PLANE, name=name), spring_damper())
+    assert ET.fromstring(text).tag == "mujoco"

@@ -11,6 +11,7 @@ from __future__ import annotations
 import copy
 import itertools
 import math
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -188,7 +189,9 @@ def model_xml(scene: Scene, setting: Setting) -> str:
     head = f"{scene.name} with the contact setting {setting.name!r} at a step of {setting.timestep!r} s."
     options = read_options(setting.options)
     body = as_text(scene_tree(scene, setting.timestep, options))
-    comment = f"{head.replace('--', '- -')} At qpos0 the ball just touches the plate."
+    # XML allows no two hyphens in a row there.
+    head = re.sub(r"-(?=-)", "- ", head)
+    comment = f"{head} At qpos0 the ball just touches the plate."
     if options.law is not None:
         comment = f"{comment}\n{_LOAD}"
     return f"<!-- {comment} -->\n{body}"

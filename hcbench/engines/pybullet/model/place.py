@@ -213,22 +213,30 @@ def place(
 ) -> BulletPlacement:
     """Bring two parts of a world just to touch, and return from where and by what they are launched.
 
+    It leaves the bodies where it moved them, also where it raises: call it by `run_aside`.
+
     coming_from: where the first comes from, a unit vector away from the second; None: the nearest
-    way. Bodies of several files all stand at the origin: there None means from above.
+    way. It acts on free bases alone. Bodies of several files all stand at the origin: there None
+    means from above.
     move: what is launched: "base:", "joint:NAME" or "body:NAME" of a link; None: a free base, else
     a sliding joint, else several joints.
 
-    Raises UserError where nothing can bring them together, SceneError where the two start deep in
-    each other.
+    Raises UserError where nothing can bring them together and for `coming_from` with a joint or
+    link to move, SceneError where the two start deep in each other.
     """
     bullet = world.bullet
+    by_joints = move is not None and move != "base:"
+    if by_joints and coming_from is not None:
+        raise UserError(
+            "from", f"given with --move {move!r}", "one of the two: joints have a way of their own"
+        )
     for part in (first, second):
         require_joints_within_limits(bullet, part.body)
     note = ""
     if coming_from is None and len(world.files) > 1 and first.body != second.body:
         coming_from = ABOVE
         note = "Files stand at the origin: the first body approaches from above; --from chooses."
-    if move is not None and move != "base:":
+    if move is not None and by_joints:
         return _chosen(bullet, first, second, move)
     # The first by its free base, else the second.
     for moving, other, sign in ((first, second, 1.0), (second, first, -1.0)):
@@ -370,8 +378,8 @@ def swing_to_touch(
 ) -> SwingingLink | None:
     """Bring a link of a robot to another part by the robot's joints, with its base at rest.
 
-    Returns the mover that swings it there, and leaves the world at touch; None where the joints do
-    not lead there, and for a robot with spherical or planar joints.
+    Returns the mover that swings it there, and leaves the world at touch; None, with the joints back
+    where they were, where they do not lead there, and for a robot with spherical or planar joints.
 
     moving, other: the two parts, that which moves first.
     chosen: numbers of the joints that may move; None: all.
@@ -383,6 +391,26 @@ def swing_to_touch(
     kinds = [joint[JOINT_TYPE] for joint in body.joints]
     if any(kind not in (REVOLUTE, PRISMATIC, FIXED) for kind in kinds):
         return None
+    before = [bullet.getJointState(moving.body, j)[:2] for j in range(len(kinds))]
+    swinging = _swung_to_touch(bullet, body, moving, other, chosen)
+    if swinging is None:
+        # The next try starts from the same pose.
+        for j, (position, velocity) in enumerate(before):
+            bullet.resetJointState(moving.body, j, position, velocity)
+    return swinging
+
+
+def _swung_to_touch(
+    bullet: BulletClient,
+    body: BulletBody,
+    moving: BodyPart,
+    other: BodyPart,
+    chosen: Collection[int] | None,
+) -> SwingingLink | None:
+    """Swing as `swing_to_touch`; where that returns None the joints stay where they came to.
+
+    body: that of `moving`; its joints turn or slide.
+    """
     # Small steps towards the nearest point, which moves along with the joints.
     for _ in range(_ROUNDS):
         body.refresh()

@@ -214,6 +214,8 @@ class PybulletModel(ModelUnderTest):
         self.build = build
         self.bullet = world.bullet
         self._copy: CopyOfWorld | None = None
+        # Those that its world has: a world made again has none.
+        self._made = tuple(fixes)
         # The user's own client gets back what it had.
         self._settings_before = self.bullet.getPhysicsEngineParameters()
         self._pose_before = {}
@@ -509,7 +511,7 @@ class PybulletModel(ModelUnderTest):
 
     def _made_again(self, fixes: Sequence[Suspect]) -> PybulletModel:
         assert self.build is not None, "`fixed` refuses a live client"
-        return PybulletModel(self.build(), self.build, self.request, fixes)
+        return PybulletModel(self.build(), self.build, self.request, (*self._made, *fixes))
 
     def close(self) -> None:
         """Remove everything that hcbench added, and restore the user's world."""
