@@ -82,7 +82,7 @@ def test_the_value_nearest_to_its_limit_or_farthest_beyond_is_named(
     ],
 )
 def test_a_number_that_is_not_there_exceeds_its_limit_and_is_told(limit: str, missing: str) -> None:
-    """Where impacts are impulses the floor has no force, and without feet nothing slips."""
+    """No force of the floor is known where impacts are impulses; without feet nothing slips."""
     landed = landings(0.4, 0.0, 0.0)
     (drop,) = landed.drops
     without = replace(landed, drops=(replace(drop, feet=(), impulse=1.0),))

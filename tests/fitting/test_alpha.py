@@ -112,7 +112,7 @@ def test_gravity_counts_in_the_budget_of_drop_heights(tmp_path: Path, reading: s
 
 
 def test_an_uncertain_height_counts_less_in_air() -> None:
-    """Near its final speed a ball arrives no faster from higher up."""
+    """A ball near its final speed arrives no faster from higher up."""
     ball: Any = {"mass": Known(2.7e-3), "diameter": Known(0.04), "drag_coefficient": Known(0.47)}
     ballistics = MeasurementSetup(gravity=G, **ball).ballistics
     heights = np.array([0.5, 2.0, 8.0])
