@@ -5,6 +5,7 @@ judge, and what is printed of the rebound against drops at random places in a st
 from __future__ import annotations
 
 from functools import cache
+from itertools import product
 
 import mujoco
 import numpy as np
@@ -13,7 +14,8 @@ from long_searches import LONG, long_search
 from robots_by_design import DESIGNS, Design, best_of_all
 
 import hcbench as hb
-from hcbench.engines.mujoco.model.drop_test import ModelDropBench
+from hcbench.engines.mujoco.model.drop_test import ModelDropBench, landing
+from hcbench.engines.mujoco.model.foot_springs import FootContact, PairSearch
 from hcbench.measuring.request import make_request
 from hcbench.sim.landing import RobotDrop
 from hcbench.tuning.tuned_model import LandingChange
@@ -57,3 +59,20 @@ def test_nine_of_ten_rebounds_at_random_places_in_a_step_are_within_what_is_prin
     after = landing.after
     within = [abs(one - after.rebound) <= 1.02 * after.spread for one in seen]
     assert np.mean(within) >= 0.9
+
+
+def test_a_search_is_as_good_as_any_of_a_coarse_grid_of_springs() -> None:
+    design = next(one for one in DESIGNS if one.name == QUICK)
+    requests = [make_request(pair) for pair in design.pairs]
+    before = landing(design.text, requests, None)
+    search = PairSearch(design.text, requests, before, BEYOND)
+    coarse = []
+    for share, damping in product(np.geomspace(0.15, 0.4, 8).tolist(), (0.12, 0.35, 0.7, 1.0, 1.4)):
+        contact = FootContact(share / design.step, damping)
+        if search.is_kept(contact):
+            coarse.append(search.whole_test(contact))
+    good = [test.rebound for test in coarse if not list(test.worse_than(before, BEYOND))]
+    reach = refused(design)[0].reach
+    assert good
+    assert reach is not None
+    assert reach.rebound >= max(good)

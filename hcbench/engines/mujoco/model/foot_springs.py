@@ -32,7 +32,7 @@ from hcbench.engines.mujoco.model.write_pairs import (
     taken_pairs,
     texts_of,
 )
-from hcbench.sim.landing import DROPS, SECONDS, DropTest, ReboundSettings, kv_factor
+from hcbench.sim.landing import DROPS, MANY_REBOUNDS, SECONDS, DropTest, ReboundSettings, kv_factor
 from hcbench.sim.model_under_test import ModelSetting, Texts
 from hcbench.sim.rebound_search import FootSpring, ReboundSearch, SpringGrid
 from hcbench.system.text import joined_names
@@ -183,9 +183,18 @@ _GRID = SpringGrid(
     nearest=2,
     very_nearest=2,
 )
-# Steps by which a contact that was found nearest to the target is moved on, at most, and the smallest,
-# in steps of the grid.
+# Slower and coarser springs, between those of the grid: few springs may land no worse, and one grid may
+# pass them by.
+_SLOW_FASTEST = 0.4
+_SLOW_DAMPINGS = tuple(np.geomspace(0.12, 1.4, 8).tolist())
+# Work of half a second, in degrees of freedom times steps and their stages, beyond which a model is
+# costly: fewer frequencies are tried for it, at least so many.
+_WORK = 5500.0
+_FEWEST = 8
+# Steps by which a contact that was found nearest to the target is moved on, at most, also for a costly
+# model, and the smallest, in steps of the grid.
 _MOVES = 10
+_MOVES_IF_COSTLY = 4
 _LEAST_STEP = 0.1
 # Impratios with elliptic cones that are tried for less slip; 0 is the model's own.
 _IMPRATIOS = (0.0, 10.0)
@@ -227,6 +236,12 @@ class PairSearch(ReboundSearch[FootContact]):
         self._own = ModelDropBench(spec_of(source), label, requests)
         # Whether a contact lands no worse.
         self._landing: dict[FootContact, bool] = {}
+        share = _WORK / max(_WORK, _work(self.plain))
+        self._moves = _MOVES
+        if share < 1.0:
+            self._moves = _MOVES_IF_COSTLY
+            frequencies = max(_FEWEST, round(share * _GRID.frequencies))
+            self.grid = replace(_GRID, frequencies=frequencies, nearest=1)
         super().__init__(self._written, before, target)
 
     @property
@@ -276,17 +291,36 @@ class PairSearch(ReboundSearch[FootContact]):
     def nearest_contacts(self) -> Iterator[FootContact]:
         """Yield contacts that are not worse in short drops and in long ones, and whose rebound is
         nearer to the target than the model's: the nearest of the grid, moved on in frequency and
-        damping, the nearest first, and then the others of the grid.
+        damping, the nearest at many places in a step first, and then the others of the grid.
         """
-        feasible = self._feasible(itertools.chain.from_iterable(self._rows()))
+        grid = itertools.chain.from_iterable(self._rows())
+        feasible = self._feasible(itertools.chain(grid, self._slow()))
         own = abs(self._untuned.rebound - self.target)
         nearer = sorted((one for one in feasible if self._miss(one) < own), key=self._miss)
         varied = itertools.chain.from_iterable(map(self.variants, nearer))
         landing = filter(self._lands_no_worse, varied)
         ways = map(self._moved, itertools.islice(landing, self.grid.nearest))
         moved = dict.fromkeys(itertools.chain.from_iterable(ways))
-        yield from sorted(moved, key=self._miss)
+        yield from sorted(moved, key=self._miss_of_many)
         yield from landing
+
+    def _slow(self) -> list[FootContact]:
+        """Contacts to try beside the rows of the grid: softer springs with MuJoCo's own impedance, at
+        other frequencies and dampings.
+        """
+        fastest = _SLOW_FASTEST / self.bench.timestep
+        slowest = min(self._slowest(0.0), 0.5 * fastest)
+        frequencies: list[float] = np.geomspace(slowest, fastest, self.grid.frequencies).tolist()
+        is_raised = self._dampings == self.grid.dampings
+        dampings = _SLOW_DAMPINGS if is_raised else self._dampings
+        springs = itertools.starmap(self.spring, itertools.product(frequencies, dampings))
+        return list(filter(self.is_kept, springs))
+
+    def _miss_of_many(self, contact: FootContact) -> float:
+        """Distance from the target, m, of the mean rebound at as many places in a step as a whole test
+        has: that of the few of a search is chance where the robot leaves the floor at some alone.
+        """
+        return abs(self.drop(contact, self._short, MANY_REBOUNDS).rebound - self.target)
 
     def _moved(self, contact: FootContact) -> list[FootContact]:
         """The contact, and those over which it is moved in frequency and damping as far as it comes
@@ -298,7 +332,7 @@ class PairSearch(ReboundSearch[FootContact]):
         """
         way = [contact]
         size = 0.5
-        for _ in range(_MOVES):
+        for _ in range(self._moves):
             nearer = self._step_nearer(way[-1], size)
             if nearer is not None:
                 way.append(nearer)
@@ -406,6 +440,15 @@ class PairSearch(ReboundSearch[FootContact]):
         """Drop the robot with a contact of its feet by all drops, as long as the model as it is."""
         set_contact(self._written.model, self.plain, self.geoms, contact)
         return self._written.whole_test(self.before)
+
+
+def _work(model: Any) -> float:
+    """Work of half a second of a compiled model: its degrees of freedom, times the steps, times the
+    stages of each.
+    """
+    is_rk4 = model.opt.integrator == backend().mjtIntegrator.mjINT_RK4
+    stages = 4 if is_rk4 else 1
+    return float(stages * model.nv * 0.5 / model.opt.timestep)
 
 
 def stiffened(source: Any, factor: float) -> Any:
