@@ -362,8 +362,8 @@ class NoiseLikelihood:
 def logsumexp(log_terms: Floats, axis: int | tuple[int, ...] | None = None) -> Floats:
     """ln of a sum, from the ln of its terms.
 
-    log_terms: of any shape. axis: along which terms are added; None: all are, to an array of no
-    dimension.
+    log_terms: of any shape.
+    axis: along which terms are added; None: all are, to an array of no dimension.
 
     It is `scipy.special.logsumexp`, bit for bit, without the import, which takes a third of a fit.
     """

@@ -300,8 +300,8 @@ def on_a_plane(
     """Function of a summary and notes that makes a recipe of these fields, for scenes with a plane
     alone; with it, a table of recipes ends each entry with its sentences.
 
-    engine, name, role, function: of the recipe; the function makes options of a target. more:
-    other fields of `Recipe`.
+    engine, name, role, function: of the recipe; the function makes options of a target.
+    more: other fields of `Recipe`.
     """
     return lambda summary, *notes: Recipe(
         engine, name, role, function, summary, notes, forms=("plane",), **more

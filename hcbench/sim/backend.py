@@ -92,8 +92,8 @@ class Backend:
         """Context in which errors of a package in an untested version become EngineFailed, in one
         line, with the advice to install a tested version.
 
-        Errors of a tested version pass unchanged: they are hcbench's own faults. Raises
-        EngineMissing, before the block, where the package is not installed.
+        Errors of a tested version pass unchanged: they are hcbench's own faults.
+        Raises EngineMissing, before the block, where the package is not installed.
         """
         untried = self.untried(self.version())
         if not untried:

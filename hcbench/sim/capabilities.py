@@ -62,8 +62,8 @@ class ContactFamily(ABC):
     def parameters(self, nominal: Floats, friction: Floats | None) -> dict[str, Floats]:
         """The engine's own parameters of n worlds, each an array of n rows, by the engine's names.
 
-        nominal: e that the contact would have on a free body, (n, pairs). friction: μ, (n,); None
-        for the model's own.
+        nominal: e that the contact would have on a free body, (n, pairs).
+        friction: μ, (n,); None for the model's own.
         """
 
     @abstractmethod
@@ -239,8 +239,8 @@ class VariedContact(ABC):
         request.
 
         values: by names of `parameters`. Each call opens a copy, so that what it measures depends
-        on its arguments alone. Raises UserError, with QuantityError among its kinds, for values
-        that no contact has.
+        on its arguments alone.
+        Raises UserError, with QuantityError among its kinds, for values that no contact has.
         """
 
 

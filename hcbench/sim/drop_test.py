@@ -166,9 +166,9 @@ class DroppedRobot:
         TAIL_S seconds.
 
         motion: of the robot in each step, from release on.
-        touch: index of the first step in which the floor pushes. flights: (first step, step after
-        the last) of each flight after the touch. All is NaN for a drop that does not last longer
-        than LATE_S + TAIL_S.
+        touch: index of the first step in which the floor pushes.
+        flights: (first step, step after the last) of each flight after the touch. All is NaN for a
+        drop that does not last longer than LATE_S + TAIL_S.
         """
         h = self.timestep
         count = len(motion.force)

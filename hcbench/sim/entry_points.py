@@ -71,8 +71,8 @@ def here(name: str) -> Engine:
     """The engine of this process under a name that may state a version, such as "myengine@1.2".
 
     Under a version it is a copy with that name and title; the version is not compared with what is
-    installed. Raises UserError for an unknown name, EngineFailed for an entry point that holds no
-    such engine.
+    installed.
+    Raises UserError for an unknown name, EngineFailed for an entry point that holds no such engine.
     """
     own = adapter(base_name(name))
     if name == own.name:

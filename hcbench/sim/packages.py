@@ -98,7 +98,8 @@ def read_packages(given: str | Mapping[str, str]) -> Packages:
 def named_folders(given: str | Mapping[str, str]) -> Packages:
     """(name, folder) of each package, from a mapping or "NAME=FOLDER,..."; "" for what is missing.
 
-    Folders need not exist. Raises UserError for what is neither text nor a mapping.
+    Folders need not exist.
+    Raises UserError for what is neither text nor a mapping.
     """
     if isinstance(given, Mapping):
         return tuple((str(name), str(folder)) for name, folder in given.items())

@@ -58,8 +58,8 @@ class Laws:
 def laws_of(model: Any, pairs: Pairs, names: Names | None = None) -> Laws:
     """The laws of all pairs of geoms of a compiled MJCF model.
 
-    pairs: {two names of geoms or bodies: α, s/m, or their law}. names: {name: ids of its geoms};
-    those of the model unless given.
+    pairs: {two names of geoms or bodies: α, s/m, or their law}.
+    names: {name: ids of its geoms}; those of the model unless given.
     Raises UserError for what is not an MjModel, for names that it lacks, for none at all, for two
     parts of which none moves or that share a geom, and for two geoms that two pairs mean;
     SettingError for an integrator of several forces a step.

@@ -427,10 +427,10 @@ def drops_in(
 
     The scene's gravity acts, or the standard one where it has none.
 
-    heights: m, the highest last. train: the longest train of bounces that the setting's target
-    allows; None: it must rest. Raises SettingError for a setting that the engine cannot have,
-    SceneError for a scene that it cannot load, EngineMissing, EngineFailed for a worker process
-    that died or hung.
+    heights: m, the highest last.
+    train: the longest train of bounces that the setting's target allows; None: it must rest.
+    Raises SettingError for a setting that the engine cannot have, SceneError for a scene that it
+    cannot load, EngineMissing, EngineFailed for a worker process that died or hung.
     """
     with_gravity = replace(scene, gravity=scene.gravity or STANDARD_GRAVITY)
     if not engine.own_process:

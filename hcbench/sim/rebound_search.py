@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 class FootSpring:
     """A contact of the feet in the coordinates in which the rebound of a robot is smooth.
 
-    frequency: w, rad/s. damping: ζ, the ratio of damping.
+    frequency: w, rad/s.
+    damping: ζ, the ratio of damping.
     """
 
     frequency: float
@@ -41,13 +42,14 @@ class SpringGrid:
     """Springs that are tried: `frequencies` of them, from somewhat below that of a body which stops
     within the depth allowed, up to `fastest` over the time step.
 
-    dampings: ζ of springs that throw a robot up higher than its model does, rising. calming: of
-    those that throw it up less.
+    dampings: ζ of springs that throw a robot up higher than its model does, rising.
+    calming: of those that throw it up less.
     first: drops by which a spring is first judged whole, of a robot that stands, for first_seconds
     each, s, or as long as the model was.
-    nearest_frequencies: as `frequencies`, for the springs that come nearest to a target out of reach.
-    nearest: number of them that are refined in damping, one a frequency. very_nearest: of those,
-    that are refined in frequency too.
+    nearest_frequencies: as `frequencies`, for the springs that come nearest to a target out of
+    reach.
+    nearest: number of them that are refined in damping, one a frequency.
+    very_nearest: of those, that are refined in frequency too.
     """
 
     fastest: float
@@ -77,8 +79,10 @@ _SETTINGS_MAX = 12
 class ReboundSearch(ABC, Generic[Spring]):
     """Contacts of the feet of a robot, tried in drops of it.
 
-    before: the whole test of the model as it is. target: rebound, m; 0 for none. grid: of the
-    springs to try. bench: the robot; an engine's `drop` sets the contacts of its feet.
+    before: the whole test of the model as it is.
+    target: rebound, m; 0 for none.
+    grid: of the springs to try.
+    bench: the robot; an engine's `drop` sets the contacts of its feet.
     A short drop ends soon after the touch: it tells the rebound, and not how the robot comes to
     rest.
     """
@@ -88,8 +92,9 @@ class ReboundSearch(ABC, Generic[Spring]):
     def __init__(self, bench: DropBench, before: DropTest, target: float) -> None:
         """Begin the search, with short drops of the model as it is to compare with.
 
-        bench: drops the robot. before: its whole test as it is. target: rebound, m; 0 for none.
-        Short drops end _TOUCH_S after the touch.
+        bench: drops the robot.
+        before: its whole test as it is.
+        target: rebound, m; 0 for none. Short drops end _TOUCH_S after the touch.
         """
         self.bench = bench
         self.before = before
@@ -234,8 +239,9 @@ class ReboundSearch(ABC, Generic[Spring]):
         """The contact with one number moved towards another value as far as it comes nearer to the
         target and does not land worse, found by halving the interval _REFINED times.
 
-        name: "frequency", rad/s, or "damping", a ratio. beyond: the other value of it. Halved is
-        the ratio of the two values: the middle is their geometric mean.
+        name: "frequency", rad/s, or "damping", a ratio.
+        beyond: the other value of it. Halved is the ratio of the two values: the middle is their
+        geometric mean.
         """
         for _ in range(_REFINED):
             middle = replace(contact, **{name: math.sqrt(getattr(contact, name) * beyond)})

@@ -211,9 +211,9 @@ class RemoteEngine(Wrapped):
     ) -> Passivity:
         """Test, in the engine's environment, whether a setting ever adds energy to a ball.
 
-        speeds: the band, lowest and highest impact speed, m/s. whole: run the long test, with drops
-        of half a minute and with boxes. train: the longest train of bounces that the target allows
-        after a drop; None: it must rest.
+        speeds: the band, lowest and highest impact speed, m/s.
+        whole: run the long test, with drops of half a minute and with boxes.
+        train: the longest train of bounces that the target allows after a drop; None: it must rest.
         Raises SettingError for a setting that the engine cannot have, SceneError for a scene that
         it cannot load, EngineFailed.
         """

@@ -105,9 +105,9 @@ def rest_of(
     """Measure how a body rests from its path: how deep it lies, sinks, vibrates and drifts in the
     second half, when the path has calmed. DIVERGED if a penetration or rate is not finite.
 
-    time (s), penetration (m), rate (m/s) and force (N, or None): (n,) each. along: its position
-    along the plate, m, (n, k), or None. `force_noise` and `drift` of the result are NaN without
-    them.
+    time (s), penetration (m), rate (m/s) and force (N, or None): (n,) each.
+    along: its position along the plate, m, (n, k), or None. `force_noise` and `drift` of the result
+    are NaN without them.
     """
     if not (np.isfinite(penetration).all() and np.isfinite(rate).all()):
         return DIVERGED

@@ -254,9 +254,9 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
     ) -> Copies:
         """Make copies of a model for this engine to step.
 
-        model: as `model_engine` compiled it. start: a state of that engine; the copies keep its
-        controls, activations, moved bodies and active equalities, and `place` sets positions and
-        velocities.
+        model: as `model_engine` compiled it.
+        start: a state of that engine; the copies keep its controls, activations, moved bodies and
+        active equalities, and `place` sets positions and velocities.
         bits: of the numbers; 0 for those that users get who set nothing.
         law: lines of code, as `law_lines` makes them, of a law for a ball of this radius, m, above
         z = 0; "" for the engine's own contact.
@@ -412,9 +412,9 @@ class SharedModelEngine(VariesContacts, SteppedEngine):
         """Test whether a setting adds energy: by impacts along the normal in this engine, and, but
         for a setting with a law, also in `model_engine`, which has bodies that slide.
 
-        speeds: the band, lowest and highest impact speed, m/s. whole: run the long test, with drops
-        of half a minute and with boxes. train: the longest train of bounces that the target allows
-        after a drop; None: it must rest.
+        speeds: the band, lowest and highest impact speed, m/s.
+        whole: run the long test, with drops of half a minute and with boxes.
+        train: the longest train of bounces that the target allows after a drop; None: it must rest.
         Raises SettingError for a setting that the engine cannot have, SceneError for a scene that
         it cannot load, EngineMissing, EngineFailed.
         """

@@ -123,8 +123,8 @@ def run_launches(
 ) -> Iterator[Impacts]:
     """Yield the impacts of launches in their order, a group of launches at a time.
 
-    launches: sorted by how long they take. places: launches simulated together at most; 0 for as
-    many as the world carries.
+    launches: sorted by how long they take.
+    places: launches simulated together at most; 0 for as many as the world carries.
     expected: steps that the first group probably takes; each group then tells what to expect of the
     next. 0 where that is unknown, and launches have nothing in common.
     Raises SettingError, before the first group, for a launch that cannot arrive.
@@ -310,8 +310,8 @@ def _steps_to_part(last: Floats, timestep: float) -> float:
 def _explain(impacts: Impacts, simulation: Simulation, counts: NDArray[np.int64]) -> None:
     """Add to the reason of each impact that went wrong, in place, a note on other forces that acted.
 
-    counts: steps of each launch of the simulation that has just ended, else 0, (b,). impacts: of
-    those that ended, in order.
+    counts: steps of each launch of the simulation that has just ended, else 0, (b,).
+    impacts: of those that ended, in order.
     """
     # Asked in any case: a simulation of a user's model keeps what acted, for the causes.
     notes = simulation.notes(counts)

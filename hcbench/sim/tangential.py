@@ -44,8 +44,8 @@ def plate_frame(deeper: Floats, along: Sequence[float] | None) -> Floats:
     """Axes of a plate for a direction that a user gives: rows along, across and away from it, (3,
     3).
 
-    deeper: unit vector into the plate, (3,). along: the direction, of any length; None for x, or
-    for y where x is nearly normal to the plate.
+    deeper: unit vector into the plate, (3,).
+    along: the direction, of any length; None for x, or for y where x is nearly normal to the plate.
     Raises UserError for a direction that is 0 or normal to the plate.
     """
     if along is None:
@@ -67,8 +67,8 @@ def rows_of_ball(
     (J); vectors in the plate's axes, along, across and away from it.
 
     velocity, spin: of the centre at the start of each step, m/s and rad/s, (b, n, 3).
-    deeper: unit vectors into the plate, (b, n, 3). gained: acceleration in the step without that of
-    gravity, m/s², (b, n, 3).
+    deeper: unit vectors into the plate, (b, n, 3).
+    gained: acceleration in the step without that of gravity, m/s², (b, n, 3).
     """
     sliding = velocity + np.cross(spin, scene.touch_radius * deeper)
     rate = (velocity * deeper).sum(axis=-1)
@@ -185,8 +185,8 @@ def _power(rows: Floats, contact: slice) -> float:
 
     In each step it is the force times the mean of the speeds at the step's ends, along the normal
     and along the plate.
-    rows: penetration, rate, force, and the eight of `Record.tangential`, SI, (11, n). contact: the
-    steps in which the force acted.
+    rows: penetration, rate, force, and the eight of `Record.tangential`, SI, (11, n).
+    contact: the steps in which the force acted.
     """
     # A body that stays down is in contact to the record's last step, which then has no end.
     steps = np.arange(contact.start, contact.stop)

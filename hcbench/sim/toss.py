@@ -112,8 +112,8 @@ def plugin_law(
     """The law that a contact setting gives the plug-in: one e, or e(v) of an α; None for a setting
     of the engine's own contact.
 
-    given: values of the setting's parameters by name; α in s/m. Raises KeyError where the law's is
-    missing.
+    given: values of the setting's parameters by name; α in s/m.
+    Raises KeyError where the law's is missing.
     """
     if setting.name == PLUGIN_E:
         return ConstantRestitution(given[E.name])

@@ -173,7 +173,8 @@ class Worker:
         Called with `_lock` held.
         first: called in it before anything else.
         Raises CannotRun where the worker was closed meanwhile: `close` waits for the lock, and then
-        ends the process. Raises EngineMissing as `_spawn`.
+        ends the process.
+        Raises EngineMissing as `_spawn`.
         """
         self._kill()
         self._pipe, end = Pipe()

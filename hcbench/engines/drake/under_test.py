@@ -209,8 +209,8 @@ class DrakeModel(ModelUnderTest):
         """Suspect a dissipation with an e other than the target, or that is Drake's default; at
         most one suspect.
 
-        impacts: of the launches, whose median speed counts. wanted: e over speed; None where the
-        user named none.
+        impacts: of the launches, whose median speed counts.
+        wanted: e over speed; None where the user named none.
         """
         speed = float(np.median(diagnose.speeds_of(impacts)))
         _, dissipation = self.pair_values()

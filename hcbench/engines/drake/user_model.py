@@ -112,8 +112,8 @@ class LoadedPlant:
     def _add(self, path: Path, packages: Packages) -> None:
         """Add the models of a file to the plant, before that is finalized.
 
-        packages: folders of the packages that the file names. Raises SceneError for a file that is
-        missing or that Drake does not load.
+        packages: folders of the packages that the file names.
+        Raises SceneError for a file that is missing or that Drake does not load.
         """
         if not path.is_file():
             what = "is a folder" if path.is_dir() else "is not there"
@@ -165,8 +165,8 @@ class LoadedPlant:
     def part(self, name: str) -> Part:
         """Find the body, else the shape, of this name.
 
-        name: as the model has it, or "body:NAME" or "geom:NAME" to say which. Raises UserError for
-        neither, and for a body without shapes.
+        name: as the model has it, or "body:NAME" or "geom:NAME" to say which.
+        Raises UserError for neither, and for a body without shapes.
         """
         indices = self.plant.GetBodyIndices(self.drake.default_model_instance())
         bodies = list(map(self.plant.get_body, indices))
@@ -192,8 +192,8 @@ class LoadedPlant:
         """Find the nearest points of two parts, over all their shapes.
 
         first, second: the two parts; the normal leads from the first to the second.
-        context: the plant's. Raises UserError if Drake filters their contact or does not know the
-        distance of two shapes.
+        context: the plant's.
+        Raises UserError if Drake filters their contact or does not know the distance of two shapes.
         """
         every = itertools.product(first.geometries, second.geometries)
         meet = [shapes for shapes in every if frozenset(shapes) in self.collide]
@@ -255,8 +255,8 @@ class LoadedPlant:
         """The point of a shape that lies farthest along a direction, in the shape's frame, m, (3,);
         the middle where a whole edge or face does.
 
-        along: unit vector in the shape's frame, (3,). Raises UserError for a shape of which hcbench
-        does not know this point.
+        along: unit vector in the shape's frame, (3,).
+        Raises UserError for a shape of which hcbench does not know this point.
         """
         drake = self.drake
         side = np.where(np.abs(along) < _ALONG, 0.0, np.sign(along))

@@ -28,8 +28,8 @@ class ExudynBodies:
         """Build a system of mass points at their start, with a contact of every two and of each
         with the floor.
 
-        world: in SI units: timestep, gravity, restitution, bodies, and floor, true or false. Raises
-        NotImplementedError for materials, friction, and other shapes than spheres.
+        world: in SI units: timestep, gravity, restitution, bodies, and floor, true or false.
+        Raises NotImplementedError for materials, friction, and other shapes than spheres.
         """
         self._require(world)
         self.h = world["timestep"]

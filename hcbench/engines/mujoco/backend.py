@@ -103,8 +103,8 @@ def require_feature(mujoco: Any, feature: str) -> None:
 def captured_warnings() -> Iterator[list[str]]:
     """Collect MuJoCo's warnings, which it would print and write to MUJOCO_LOG.TXT, in a list.
 
-    The list grows while the block runs; the user's own handler is back afterwards. Raises
-    EngineFailed for a fatal error of MuJoCo's in the block.
+    The list grows while the block runs; the user's own handler is back afterwards.
+    Raises EngineFailed for a fatal error of MuJoCo's in the block.
     """
     mujoco = backend()
     collected: list[str] = []

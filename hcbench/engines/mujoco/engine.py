@@ -103,8 +103,8 @@ def _spring_damper(
     """solref of a spring and damper with this e, in both of its forms; [] where the contact time is
     missing.
 
-    contact_time: s, that it lasts. timestep: s, where it is known: a time constant below two of
-    them gets a note.
+    contact_time: s, that it lasts.
+    timestep: s, where it is known: a time constant below two of them gets a note.
     missing: gets a sentence for what cannot be written.
     """
     if contact_time is None:
@@ -463,10 +463,10 @@ class MujocoEngine(
     ) -> TrajectoryTouchdowns:
         """Find where a recorded motion met the floor.
 
-        source: a path, an MjModel, an MjSpec or MJCF text. request: its pair is the one to read;
-        without one each part that moves, on what does not.
-        recorded: qpos (n, nq) and qvel (n, nv), SI, and time (n,), s, where it is known. Raises
-        UserError for other shapes.
+        source: a path, an MjModel, an MjSpec or MJCF text.
+        request: its pair is the one to read; without one each part that moves, on what does not.
+        recorded: qpos (n, nq) and qvel (n, nv), SI, and time (n,), s, where it is known.
+        Raises UserError for other shapes.
         """
         from hcbench.engines.mujoco.model.landing import touchdowns
         from hcbench.engines.mujoco.model.open import load as load_user_model

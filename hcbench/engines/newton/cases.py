@@ -52,8 +52,8 @@ class NewtonBodies:
         """Add a world to those that `start` will step.
 
         world: in SI units: timestep, gravity, friction, restitution (or materials: e of the bodies
-        and of the floor), bodies, and floor, true or false. Raises NotImplementedError for an e
-        above 0 under a solver without restitution.
+        and of the floor), bodies, and floor, true or false.
+        Raises NotImplementedError for an e above 0 under a solver without restitution.
         """
         self.h = world["timestep"]
         builder = self.builder

@@ -60,7 +60,8 @@ class BulletClient:
     """Client of pybullet: the module with every call bound to one
     connection, like that of pybullet_utils.
 
-    Ending one does not disconnect. Raises EngineMissing without pybullet.
+    Ending one does not disconnect.
+    Raises EngineMissing without pybullet.
     """
 
     def __init__(self, client: int) -> None:

@@ -475,8 +475,8 @@ def spring_damper(target: Target) -> dict[str, Any]:
     """Options of a setting with Bullet's spring and damper, a Kelvin-Voigt contact, eq. (4).
 
     Bullet integrates it as F = max(0, k (x + h v+) + c v+), v+ the rate at the step's end. k and c
-    make the best constant e of the target's band of speeds, and its time of contact. Raises
-    SettingError for e = 1.
+    make the best constant e of the target's band of speeds, and its time of contact.
+    Raises SettingError for e = 1.
     """
     duration = contact_time(target)
     stiffness, damping = implicit_spring_damper(target, duration, "restitution")

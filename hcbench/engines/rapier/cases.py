@@ -67,8 +67,8 @@ class RapierBodies:
     def _insert(self, collider: Any, e: float, friction: float, handle: Any = None) -> None:
         """Add a collider to the world with its restitution and friction.
 
-        e: restitution. handle: of the body that it belongs to; None for one that is fixed in the
-        world.
+        e: restitution.
+        handle: of the body that it belongs to; None for one that is fixed in the world.
         """
         colliders = self.world.colliders
         if handle is None:

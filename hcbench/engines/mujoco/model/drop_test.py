@@ -291,8 +291,8 @@ class ModelDropBench(DropBench):
     def _motion(self, state: Floats, sensors: Floats) -> DropMotion:
         """Motion of the robot at each of n steps, read from the sensors of a simulation.
 
-        state: MuJoCo's full state after each step, (n, nstate). sensors: data of all sensors, (n,
-        nsensordata).
+        state: MuJoCo's full state after each step, (n, nstate).
+        sensors: data of all sensors, (n, nsensordata).
         """
         columns = self._columns
         upward = np.zeros(len(sensors))

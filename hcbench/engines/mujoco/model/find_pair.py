@@ -54,8 +54,8 @@ class MovingJoint:
 def named_pair(model: Any, names: tuple[str, str]) -> ContactPair:
     """Find the pair of parts that two names mean, with those of their geoms that can meet.
 
-    names: each that of a body, else of a geom; or "body:NAME", "geom:NUMBER" and the like. Raises
-    UserError for unknown names, and for two parts that are the same or cannot collide.
+    names: each that of a body, else of a geom; or "body:NAME", "geom:NUMBER" and the like.
+    Raises UserError for unknown names, and for two parts that are the same or cannot collide.
     """
     first = _named_geoms(model, names[0], names[1])
     second = _named_geoms(model, names[1], names[0])
@@ -226,8 +226,8 @@ def _whole_tree(model: Any, body: int, chain: list[int]) -> MovingJoint:
 def chosen_joint(model: Any, body: int, move: str) -> MovingJoint | None:
     """Mover that `move` names if it carries this body, else None.
 
-    move: "base:", "body:NAME" or "joint:NAME". Raises UserError for a name that the model does not
-    have.
+    move: "base:", "body:NAME" or "joint:NAME".
+    Raises UserError for a name that the model does not have.
     """
     kind, _, name = move.partition(":")
     chain = list(_ancestors(model, body))
@@ -454,8 +454,8 @@ def find_pair(model: Any, request: Request, state: Any = None) -> ContactPair:
     """The pair of a request; without names, the only body that moves and the only thing it can
     meet.
 
-    state: MjData to start from where there is a choice to list, or None. Raises UserError for names
-    that mean no pair, and with a list where there is a choice.
+    state: MjData to start from where there is a choice to list, or None.
+    Raises UserError for names that mean no pair, and with a list where there is a choice.
     """
     names = request.pair or only_pair(model)
     if names is None:
@@ -523,8 +523,9 @@ def _rank(model: Any, geom: int) -> tuple[bool, int]:
 def _poses_of_touch(model: Any) -> dict[_Geoms, list[str]]:
     """Names of the poses in which two geoms touch, by the numbers of the two, ascending.
 
-    The poses are the model's zero ("qpos0") and the first keyframes. The list is empty for two
-    that only come within their margin. Raises UserError for a keyframe with an impossible pose.
+    The poses are the model's zero ("qpos0") and the first keyframes. The list is empty for two that
+    only come within their margin.
+    Raises UserError for a keyframe with an impossible pose.
     """
     names_of: dict[_Geoms, list[str]] = {}
     poses = ["qpos0", *(str(i) for i in range(min(model.nkey, _POSES_MAX)))]

@@ -87,8 +87,8 @@ class FootContact(FootSpring):
 def foot_geoms(model: Any, requests: Sequence[Request]) -> list[Geoms]:
     """Geoms of the feet and the floor that MuJoCo collides: the numbers of each two.
 
-    requests: each with the names of a foot and its floor. Raises UserError for unknown names, and
-    for more geoms than can be written.
+    requests: each with the names of a foot and its floor.
+    Raises UserError for unknown names, and for more geoms than can be written.
     """
     pairs = []
     for request in requests:
@@ -101,8 +101,9 @@ def set_contact(model: Any, plain: Any, geoms: Sequence[Geoms], contact: FootCon
     """Give the feet a contact in a compiled model: write solref and solimp of their <pair>s, and
     the cone and impratio of the whole model.
 
-    model: changed. plain: the model as the user has it, whose cone and impratio hold where the
-    contact has none. geoms: numbers of the two geoms of each <pair>.
+    model: changed.
+    plain: the model as the user has it, whose cone and impratio hold where the contact has none.
+    geoms: numbers of the two geoms of each <pair>.
     """
     for both in geoms:
         for number in explicit_pairs(model, both):
@@ -119,9 +120,9 @@ def write_contact(source: Any, requests: Sequence[Request], contact: FootContact
     """Write a contact of the feet into a copy of a model, as <pair>s that keep the friction, condim
     and margin of the geoms.
 
-    source: a file, MJCF text or an MjSpec; it stays as it is. requests: each with the names of a
-    foot and its floor. Raises UserError for a source that cannot be written, for unknown pairs and
-    for too many geoms.
+    source: a file, MJCF text or an MjSpec; it stays as it is.
+    requests: each with the names of a foot and its floor.
+    Raises UserError for a source that cannot be written, for unknown pairs and for too many geoms.
     """
     spec = spec_of(source)
     model = spec.compile()
@@ -209,9 +210,10 @@ _ITERATIONS = 20
 class PairSearch(ReboundSearch[FootContact]):
     """Contacts of the feet as <pair> elements, tried in drops.
 
-    source: a file, MJCF text or an MjSpec. requests: of the feet's pairs. before, target: as of
-    `ReboundSearch`. Raises UserError for a robot that cannot be dropped or a model that cannot be
-    written.
+    source: a file, MJCF text or an MjSpec.
+    requests: of the feet's pairs.
+    before, target: as of `ReboundSearch`. Raises UserError for a robot that cannot be dropped or a
+    model that cannot be written.
     """
 
     grid = _GRID
@@ -222,8 +224,10 @@ class PairSearch(ReboundSearch[FootContact]):
         """Begin the search: write a first contact into a copy of the model, and make short drops of
         the model as it is to compare with.
 
-        source: a file, MJCF text or an MjSpec. requests: of the feet's pairs. before: the whole
-        test of the model as it is. target: rebound, m; 0 for none.
+        source: a file, MJCF text or an MjSpec.
+        requests: of the feet's pairs.
+        before: the whole test of the model as it is.
+        target: rebound, m; 0 for none.
         """
         self.plain = spec_of(source).compile()
         self.geoms = foot_geoms(self.plain, requests)
@@ -258,8 +262,9 @@ class PairSearch(ReboundSearch[FootContact]):
     ) -> DropTest:
         """Drop the robot with a contact of its feet, and judge the landing.
 
-        spring: the contact, written into the <pair>s; None for the model as it is. seconds: to
-        simulate of each drop. drops: heights, tilts and phases.
+        spring: the contact, written into the <pair>s; None for the model as it is.
+        seconds: to simulate of each drop.
+        drops: heights, tilts and phases.
         """
         if spring is None:
             return self._own.test(seconds, drops)
@@ -530,8 +535,10 @@ def rebound_settings(
     """Settings of a robot's feet with which its centre of mass rebounds to the target, found by
     drops of the robot; each search runs as its settings are asked for.
 
-    source: a file, MJCF text or an MjSpec. requests: of the feet's pairs. before: the whole test of
-    the model as it is. target: the rebound, m.
+    source: a file, MJCF text or an MjSpec.
+    requests: of the feet's pairs.
+    before: the whole test of the model as it is.
+    target: the rebound, m.
     Raises UserError for what cannot be dropped or written.
     """
     search = PairSearch(source, requests, before, target)
@@ -554,7 +561,8 @@ def _setting(source: Any, requests: Sequence[Request], contact: FootContact) -> 
     """A contact of the feet as a setting of a user's model: notes, the model under a request, and
     its text.
 
-    source: a file, MJCF text or an MjSpec. requests: each with the names of a foot and its floor.
+    source: a file, MJCF text or an MjSpec.
+    requests: each with the names of a foot and its floor.
     Raises UserError for a source that cannot be written, for unknown pairs and for too many geoms.
     """
     made = write_contact(source, requests, contact)

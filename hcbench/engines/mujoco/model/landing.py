@@ -59,7 +59,9 @@ from hcbench.terms.impact import Floats
 def land(model: Any, label: str, state: Any, request: Request, drops: DropPlan) -> Landings:
     """Drop the robot of a model from each height (m) at each tilt (rad) of a plan.
 
-    model: compiled MjModel. label: what to call it. state: an MjData to start from, or None.
+    model: compiled MjModel.
+    label: what to call it.
+    state: an MjData to start from, or None.
     Raises UserError where nothing of the model falls, no gravity or nothing to land on, and for a
     controller that does not fit; EngineFailed where MuJoCo finds the state unstable.
     """
@@ -147,8 +149,9 @@ class _Bench:
     def __init__(self, model: Any, start: Any, move: str | None) -> None:
         """Find the robot and what it can land on.
 
-        start: MjData of the pose to drop it in. move: the part of the tree to drop, "body:NAME" or
-        "joint:NAME"; else the robot. Raises UserError for a model in which that does not fall.
+        start: MjData of the pose to drop it in.
+        move: the part of the tree to drop, "body:NAME" or "joint:NAME"; else the robot.
+        Raises UserError for a model in which that does not fall.
         """
         self.model = model
         self.start = start
@@ -183,9 +186,10 @@ class _Bench:
     ) -> Landing:
         """Drop the robot once, and read how it lands.
 
-        height: of its lowest point over the floor, m. turn: angle, rad, by which its base
-        is turned, and the axis in the world. drive: sets the controls before each step. phase: place
-        of the touch in a step.
+        height: of its lowest point over the floor, m.
+        turn: angle, rad, by which its base is turned, and the axis in the world.
+        drive: sets the controls before each step.
+        phase: place of the touch in a step.
         Raises UserError where nothing is below the robot, or it meets nothing; EngineFailed where
         MuJoCo finds the state unstable.
         """
@@ -220,9 +224,11 @@ class _Bench:
     def _fall(self, data: Any, height: float, drive: Drive) -> _Fall:
         """Simulate a drop until WINDOW_S (s) after the first touch.
 
-        data: MjData at release, moved on. height: of the lowest point over the floor at release, m.
-        drive: sets the controls before each step. Raises UserError where the robot meets nothing;
-        EngineFailed where MuJoCo finds the state unstable.
+        data: MjData at release, moved on.
+        height: of the lowest point over the floor at release, m.
+        drive: sets the controls before each step.
+        Raises UserError where the robot meets nothing; EngineFailed where MuJoCo finds the state
+        unstable.
         """
         latest = latest_touch(height, self.over_floor.gravity)
         most = math.ceil((latest + WINDOW_S) / self.timestep)
@@ -284,9 +290,11 @@ class _Bench:
     ) -> None:
         """Add the steps of a record to a fall, and to the logs of its feet.
 
-        first_touch: time of the first touch, s. end: number of the step after the last. struck:
-        points of each step that a plug-in's law turns back. by_momentum: force of the last steps,
-        N, in place of MuJoCo's contact forces where such a law acts.
+        first_touch: time of the first touch, s.
+        end: number of the step after the last.
+        struck: points of each step that a plug-in's law turns back.
+        by_momentum: force of the last steps, N, in place of MuJoCo's contact forces where such a
+        law acts.
         """
         begin = end - len(struck)
         # Steps before the first touch have no force by momentum.
@@ -330,8 +338,8 @@ class _Bench:
         """Mean force of the floor on the robot in the step just taken, N upwards: its momentum less
         that after the same step without contact, over the time step.
 
-        data: MjData after the step. beside: has the state before the step; its step without contact
-        is taken here.
+        data: MjData after the step.
+        beside: has the state before the step; its step without contact is taken here.
         """
         robot = self.over_floor
         jacobian = np.zeros((3, self.model.nv))
@@ -344,9 +352,10 @@ class _Bench:
     ) -> None:
         """Add one step to the logs of the feet, and a new foot for each part that touches first.
 
-        feet: by the number of their rigid body; changed. pressed: points of the step that feel
-        forces. struck: points that a plug-in's law turns back by impulses. time: of the step's
-        start, s after the first touch.
+        feet: by the number of their rigid body; changed.
+        pressed: points of the step that feel forces.
+        struck: points that a plug-in's law turns back by impulses.
+        time: of the step's start, s after the first touch.
         """
         pressed_of: dict[int, list[Point]] = {}
         for point in pressed:
@@ -395,8 +404,11 @@ class _Bench:
     ) -> tuple[float, float]:
         """Speeds of a point of the robot towards the floor and along it, m/s.
 
-        data: MjData with the kinematics. velocity: of the model, (nv,). point: m, (3,). normal:
-        unit vector away from the floor, (3,). geom: number of the robot's geom that has the point.
+        data: MjData with the kinematics.
+        velocity: of the model, (nv,).
+        point: m, (3,).
+        normal: unit vector away from the floor, (3,).
+        geom: number of the robot's geom that has the point.
         """
         jacobian = np.zeros((3, self.model.nv))
         body = int(self.model.geom_bodyid[geom])
@@ -457,8 +469,9 @@ def touchdowns(
     """Find every touchdown in a recorded motion: of parts that move on parts that do not, or, if
     the request names a pair, of that pair.
 
-    model: MjModel. label: what to call it. recorded: qpos (n, nq), qvel (n, nv), and time (n,), s,
-    where it is known.
+    model: MjModel.
+    label: what to call it.
+    recorded: qpos (n, nq), qvel (n, nv), and time (n,), s, where it is known.
     Raises UserError for other shapes, for states that cannot be, and for a pair that the model does
     not have.
     """
@@ -558,8 +571,9 @@ def _moving_first(model: Any, data: Any, kept: set[_Geoms] | None) -> list[_Geom
 def _closing_speeds(model: Any, state: Any, touching: Any, contact: int) -> tuple[float, float]:
     """Speeds with which two geoms approach and slide on each other at a contact, m/s.
 
-    state: MjData whose velocities count. touching: MjData that has the contact. contact: its number
-    there.
+    state: MjData whose velocities count.
+    touching: MjData that has the contact.
+    contact: its number there.
     """
     point = touching.contact.pos[contact]
     # From the contact's first geom to its second.
@@ -577,7 +591,8 @@ def _closing_speeds(model: Any, state: Any, touching: Any, contact: int) -> tupl
 def _foot(model: Any, geoms: _Geoms, events: Sequence[Touchdown]) -> Touchdowns:
     """Touchdowns of two parts, with the band of speeds that their setting holds in.
 
-    geoms: the first two that touched, one of each part. events: one or more, in the order of time.
+    geoms: the first two that touched, one of each part.
+    events: one or more, in the order of time.
     """
     promise = promise_in(model, geoms)
     band = None

@@ -329,8 +329,8 @@ def _from_binary(mujoco: Any, path: Path) -> Any:
     """The model of a binary file, which holds its arrays as they are in memory.
 
     MuJoCo allocates what the sizes at the file's begin ask for before it compares them with the
-    file: a damaged one could take all memory. Raises ValueError for sizes that no such file has,
-    and what MuJoCo raises.
+    file: a damaged one could take all memory.
+    Raises ValueError for sizes that no such file has, and what MuJoCo raises.
     """
     with memory_limit(_BINARY_ROOM + 4 * path.stat().st_size):
         try:
@@ -348,8 +348,8 @@ def _from_binary(mujoco: Any, path: Path) -> Any:
 def _unzipped(mujoco: Any, path: Path) -> Any:
     """The model of an archive that `MjSpec.to_zip` wrote: its .xml, with the files that it names.
 
-    mujoco: the module. Raises ValueError for an archive that cannot be read, and what compiling
-    raises.
+    mujoco: the module.
+    Raises ValueError for an archive that cannot be read, and what compiling raises.
     """
     try:
         content = read_bytes(path)
@@ -376,8 +376,8 @@ def _keep_folders(urdf: str) -> str:
 def compiled(compile_model: Callable[[], Any], label: str) -> Any:
     """The model or spec that a function makes, with hcbench's plug-ins loaded where it names them.
 
-    compile_model: called without arguments, a second time once the plug-ins are loaded. label: what
-    to call the model in errors.
+    compile_model: called without arguments, a second time once the plug-ins are loaded.
+    label: what to call the model in errors.
     Raises SceneError with MuJoCo's words, EngineFailed where there is too little memory.
     """
     try:

@@ -205,8 +205,8 @@ class Nearest(NamedTuple):
 class ContactPair:
     """Two parts of a model that shall meet.
 
-    model: compiled MjModel. first, second: the two parts; of a pair to be launched, the first
-    moves.
+    model: compiled MjModel.
+    first, second: the two parts; of a pair to be launched, the first moves.
     """
 
     model: Any

@@ -123,8 +123,8 @@ class MujocoFlight:
         """Put `_data` where the launch begins; return the reader along the plate of an oblique one,
         else None.
 
-        clearance: from the touch, m, along the motion that leads there. Raises UserError where an
-        oblique launch asks for a motion that the joints cannot make.
+        clearance: from the touch, m, along the motion that leads there.
+        Raises UserError where an oblique launch asks for a motion that the joints cannot make.
         """
         mujoco = self._mujoco
         data = self._data
@@ -169,8 +169,8 @@ class MujocoFlight:
         None: all steps.
 
         The record has one launch: (1, n), n <= steps; oblique launches have motion along the plate,
-        too. Its last step is NaN where MuJoCo reset the state. Raises EngineFailed for a fatal
-        error of MuJoCo's.
+        too. Its last step is NaN where MuJoCo reset the state.
+        Raises EngineFailed for a fatal error of MuJoCo's.
         """
         self.settle()
         with captured_warnings() as warned:
@@ -463,7 +463,8 @@ class MujocoUserSimulation(Flights[MujocoFlight]):
         """Take up to `steps` steps of each launch, one launch after the other, and record all.
 
         Each ends `after` steps after the two have parted, or sooner if it turns back without a
-        touch. Raises EngineFailed for a fatal error of MuJoCo's.
+        touch.
+        Raises EngineFailed for a fatal error of MuJoCo's.
         """
         records = []
         for flight in self._flights:
@@ -723,8 +724,8 @@ class CompiledSimulation(Flights[CompiledFlight]):
     def advance(self, steps: int) -> Record:
         """Take up to `steps` steps of each launch, one launch after the other, and record all.
 
-        Each ends some steps after the two have parted, or sooner if it turns back. Raises
-        EngineFailed for a fatal error of MuJoCo's, and where there is no memory for a step.
+        Each ends some steps after the two have parted, or sooner if it turns back.
+        Raises EngineFailed for a fatal error of MuJoCo's, and where there is no memory for a step.
         """
         library = loop_in_c()
         assert library is not None, "flights_of makes such launches only with a library"
@@ -764,8 +765,8 @@ def simulation_of(
 ) -> Flights[Any]:
     """Launches of a model under way, stepped in C where that can be.
 
-    after: steps to take once the two have parted; None: all that are asked for. Raises UserError for
-    a launch that the joints cannot make.
+    after: steps to take once the two have parted; None: all that are asked for.
+    Raises UserError for a launch that the joints cannot make.
     """
     # Each look at one of `Launches` makes it, and checks it, again.
     flights = flights_of(opened, list(launches))

@@ -213,8 +213,8 @@ def _rest(
     in numbers that are not finite. While its vibration dies away that is the tail of settling: it is
     measured again over the next half, _LONGER times at most.
 
-    data: MjData at the start; moved on. gravity: m/s², (3,), in place of the model's, which holds
-    again afterwards; None: the model's.
+    data: MjData at the start; moved on.
+    gravity: m/s², (3,), in place of the model's, which holds again afterwards; None: the model's.
     from_body: number of the body from which positions are taken, such as a hand; 0: the world.
     """
     model = opened.model
@@ -237,8 +237,8 @@ def _rest_in(opened: OpenedModel, data: Any, steps: int, from_body: int) -> Rest
     """Take so many steps and measure how the pair rests in them; DIVERGED where a number is not
     finite.
 
-    data: MjData; moved on. from_body: number of the body from which positions are taken; 0: the
-    world.
+    data: MjData; moved on.
+    from_body: number of the body from which positions are taken; 0: the world.
     """
     position, force, depth = _followed(opened, data, steps, from_body)
     if not all(np.isfinite(column).all() for column in (position, force, depth)):

@@ -127,8 +127,8 @@ def swing(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Floats |
     approach at 1 m/s, (nv,); None where a push hardly moves the two together.
 
     data: MjData with its mass matrix and constraints computed.
-    row: Jacobian J of the approach rate, (nv,). dofs: numbers of the degrees of freedom that may
-    move.
+    row: Jacobian J of the approach rate, (nv,).
+    dofs: numbers of the degrees of freedom that may move.
 
     A push moves the robot along M^-1 J^T, as far as equalities let it; where `dofs` are not all of
     the robot's, the others are held.
@@ -170,8 +170,8 @@ def _push_on(model: Any, data: Any, row: Floats, dofs: tuple[int, ...]) -> Float
 def _along_equalities(model: Any, data: Any, push: Floats) -> Floats:
     """Motion by a push as far as equality constraints, such as coupled fingers, let it happen, (nv,).
 
-    data: MjData with its constraints. push: the motion without them, M^-1 J^T, (nv,); it is
-    returned where it moves no equality.
+    data: MjData with its constraints.
+    push: the motion without them, M^-1 J^T, (nv,); it is returned where it moves no equality.
     """
     mujoco = backend()
     held = np.flatnonzero(data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY)

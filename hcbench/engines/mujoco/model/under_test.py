@@ -288,8 +288,8 @@ class MujocoModel(OpenedModel, LendsSteps):
     def fixed(self, suspects: Sequence[Suspect]) -> MujocoModel:
         """The same pair in a copy of the model with the fixes of `suspects` made.
 
-        Fixes that depend on others, such as on the step, come last. Raises UserError where the pair
-        can no longer be brought to touch.
+        Fixes that depend on others, such as on the step, come last.
+        Raises UserError where the pair can no longer be brought to touch.
         """
         model = copy.copy(self.model)
         # False sorts before True.

@@ -74,8 +74,8 @@ class VariedPair(VariedContact):
     def open(self, request: Request, values: Mapping[str, float]) -> MujocoModel:
         """Open a copy of the model whose <pair>s have these values, with the pair at touch.
 
-        values: by names of PARAMETERS, in MuJoCo's units. Raises UserError and its kinds where the
-        pair cannot be measured.
+        values: by names of PARAMETERS, in MuJoCo's units.
+        Raises UserError and its kinds where the pair cannot be measured.
         """
         model = as_requested(self._model.__copy__(), request)
         for name, value in values.items():

@@ -102,9 +102,9 @@ class PairWorlds(ContactFamily):
         """solref, solimp and friction of every <pair> of the model in each of n worlds, by the
         fields of MjModel.
 
-        nominal: e that each contact would have on a free body, (n, pairs). friction: μ of each
-        world, (n,); None: the model's own. <pair>s of the model's own that are not randomised have
-        their own values.
+        nominal: e that each contact would have on a free body, (n, pairs).
+        friction: μ of each world, (n,); None: the model's own. <pair>s of the model's own that are
+        not randomised have their own values.
 
         Shapes: (n, npair, 2), (n, npair, 5) and (n, npair, 5). Only solref depends on e.
         """

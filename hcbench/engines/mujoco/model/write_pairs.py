@@ -233,9 +233,9 @@ _ESCAPE = re.compile(r"&(?:amp|lt|gt|quot|apos|#\d+|#x[0-9a-fA-F]+);")
 def spec_of(source: Any) -> Any:
     """A new MjSpec of the user's model, whose assets are found from any folder.
 
-    source: an MjSpec, MJCF text, or the path of an MJCF or URDF file. Raises UserError for a source
-    that cannot be written, such as a compiled model, and for MJCF that is not in UTF-8; SceneError
-    for one that does not parse.
+    source: an MjSpec, MJCF text, or the path of an MJCF or URDF file.
+    Raises UserError for a source that cannot be written, such as a compiled model, and for MJCF
+    that is not in UTF-8; SceneError for one that does not parse.
     """
     mujoco = backend()
     if isinstance(source, mujoco.MjSpec):
@@ -313,9 +313,9 @@ def own_text(source: Any, folder: Path | None, lines: str) -> str:
     folder: of the file that is to be written, from which its paths then lead; None: they stay.
     lines: XML for the end of <mujoco>.
 
-    Also "" for a text that does not end with </mujoco>, and for one that is to be found from another
-    folder and includes a file that includes another. Raises UserError for a file that is not in
-    UTF-8.
+    Also "" for a text that does not end with </mujoco>, and for one that is to be found from
+    another folder and includes a file that includes another.
+    Raises UserError for a file that is not in UTF-8.
     """
     path = _path(source)
     if path is not None and path.suffix.lower() != ".urdf":

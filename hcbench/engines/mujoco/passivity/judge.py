@@ -450,7 +450,8 @@ def screened(
     train: the longest train of bounces that the target allows; None: none.
 
     None for a setting without rows, in a cup, or under RK4 or discrete, which the model of rows
-    cannot step. Raises SettingError for an option that MuJoCo does not have.
+    cannot step.
+    Raises SettingError for an option that MuJoCo does not have.
     """
     if not _is_screened(scene, setting):
         return None
@@ -539,8 +540,8 @@ def certified(
     and solver that it allows; minutes.
 
     train: the longest train of bounces that the target allows; None: none.
-    None for a setting with neither rows nor a restitution law, and in a cup. Raises SettingError
-    for an option that MuJoCo does not have.
+    None for a setting with neither rows nor a restitution law, and in a cup.
+    Raises SettingError for an option that MuJoCo does not have.
     """
     options = read_options(setting.options)
     is_rows = bool(options.rows) and scene.form == "plane"
@@ -554,7 +555,8 @@ def certified(
 def _pasted(options: Options, pairs: Sequence[Pair]) -> str:
     """The MJCF that a user pastes for some pairs: <contact> of rows, or a law's plug-in instances.
 
-    A law's plug-in is loaded, so that MuJoCo can compile it. Raises CannotRun without a C compiler.
+    A law's plug-in is loaded, so that MuJoCo can compile it.
+    Raises CannotRun without a C compiler.
     """
     if options.law is None:
         lines = ""
@@ -571,8 +573,8 @@ def tried(scene: Scene, setting: Setting) -> tuple[Contact, list[Stepping]]:
     """The contact of a setting to try in plain models, and the options to try it under: the
     setting's own, then some that differ from them in the integrator, the cone or the solver.
 
-    A cone that the setting names is kept. Raises SettingError for an option that MuJoCo does not
-    have.
+    A cone that the setting names is kept.
+    Raises SettingError for an option that MuJoCo does not have.
     """
     options = read_options(setting.options)
     written = options.attributes(repr)

@@ -344,8 +344,8 @@ def write_law(root: ET.Element, scene: Scene, law: Law, path: Path) -> None:
     """Add the law's plug-in to a scene's MJCF, for the two geoms or, in a cup, for the tendon; a
     force law turns MuJoCo's own contact, or the tendon's limit, off.
 
-    path: of the model, for errors. Raises SceneError where the model lacks a part that the form
-    has.
+    path: of the model, for errors.
+    Raises SceneError where the model lacks a part that the form has.
     """
     form = scene.form
     # A force acts in place of the model's own contact.

@@ -123,8 +123,8 @@ def _mean(v: Floats, w: Floats) -> Floats:
 def _restitution(parameters: Floats, speeds: Floats) -> Floats:
     """e of contacts at impact speeds, (population, speeds); 0 where it would go too deep.
 
-    parameters: (population, 6), in the order of _LOWEST. speeds: over the highest of the band,
-    (speeds,).
+    parameters: (population, 6), in the order of _LOWEST.
+    speeds: over the highest of the band, (speeds,).
 
     By energy along the depth, per unit mass: over an interval v²/2 falls by P + G v on the way in,
     and grows by P - G v on the way out as long as the contact pushes. P is the interval's elastic
@@ -264,8 +264,8 @@ def _search(shares: tuple[float, ...], wanted: tuple[float, ...]) -> Floats:
 def soft(target: Target, integrator: str = "Euler") -> dict[str, Any]:
     """Options of a setting, by name: one contact that follows e(v) as nearly as one contact can.
 
-    integrator: that the options name. Raises SettingError where the step is too coarse,
-    SearchInterrupted with the best so far.
+    integrator: that the options name.
+    Raises SettingError where the step is too coarse, SearchInterrupted with the best so far.
     """
     width = STEPS_OF_A_WIDE_SPRING * target.timestep * target.speed_max
     if width > _DEEPEST:

@@ -253,9 +253,9 @@ class _Fit:
 class _Shares:
     """Parts of the acceleration apart that each row adds at n penetrations, for a strength of 1.
 
-    springs: acceleration of each, m/s², with S = 1/s², (n, springs). dampings: acceleration over
-    rate of each damper, 1/s, with D = 1/s, (n, dampers). offset: acceleration that the springs give
-    less in all than their strengths say, m/s², (n,).
+    springs: acceleration of each, m/s², with S = 1/s², (n, springs).
+    dampings: acceleration over rate of each damper, 1/s, with D = 1/s, (n, dampers).
+    offset: acceleration that the springs give less in all than their strengths say, m/s², (n,).
     """
 
     springs: Floats

@@ -100,8 +100,8 @@ def sample(band: Band, speeds: Floats, points: int) -> Samples:
     first its way in, then its way out.
 
     band: the law and the mass.
-    speeds: m/s. points: of each way; evenly in the angle of a sine, so dense where the body turns
-    round.
+    speeds: m/s.
+    points: of each way; evenly in the angle of a sine, so dense where the body turns round.
     """
     law = band.law
     mass = band.mass
@@ -333,8 +333,8 @@ class _LeastSquares:
         """The linear problem around parameters: its normal matrix, (k, k), its right side, (k,), and
         the units, (k,), in which it has the k parameters.
 
-        parameters: S of all rows, then D of the dampers, (k,). weights: of the rows at the samples,
-        (n, rows), 0 for one that does not act.
+        parameters: S of all rows, then D of the dampers, (k,).
+        weights: of the rows at the samples, (n, rows), 0 for one that does not act.
         """
         S = parameters[: len(self.dampers)]
         D = parameters[len(self.dampers) :]
@@ -355,8 +355,8 @@ def levenberg_marquardt(samples: Samples, rows: PushingRows, search: Search) -> 
     Levenberg and Marquardt's method; the rows with the best after ITERATIONS, or when no step helps
     any more.
 
-    rows: start; its onsets and impedances stay, and rows without a D get none. search: counts
-    ITERATIONS, whether they are needed or not.
+    rows: start; its onsets and impedances stay, and rows without a D get none.
+    search: counts ITERATIONS, whether they are needed or not.
     """
     from scipy.optimize import nnls
 

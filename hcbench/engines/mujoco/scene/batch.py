@@ -297,8 +297,8 @@ class BatchedModel:
         """Copy the time, positions and velocities of states of the batch into states of one ball
         each: the inverse of `pack`.
 
-        packed: (rows, nstate of the batch), several balls in each row. states: (b, nstate), not
-        changed; the result is a copy of them with these numbers.
+        packed: (rows, nstate of the batch), several balls in each row.
+        states: (b, nstate), not changed; the result is a copy of them with these numbers.
         """
         if self.whole:
             return packed.copy()

@@ -182,9 +182,9 @@ def model_xml(scene: Scene, setting: Setting) -> str:
     """The complete MJCF of a scene under a setting, as text; it is what is simulated, and plain
     MuJoCo runs it.
 
-    At qpos0 the ball just touches the plate. Raises SettingError for options that MuJoCo does not
-    have and for friction or adhesion in a cup, SceneError for a scene without a model, or whose
-    model lacks ball or plate.
+    At qpos0 the ball just touches the plate.
+    Raises SettingError for options that MuJoCo does not have and for friction or adhesion in a cup,
+    SceneError for a scene without a model, or whose model lacks ball or plate.
     """
     head = f"{scene.name} with the contact setting {setting.name!r} at a step of {setting.timestep!r} s."
     options = read_options(setting.options)
@@ -200,8 +200,8 @@ def model_xml(scene: Scene, setting: Setting) -> str:
 def rows_snippet(setting: Setting, form: str, pair: Pair = PAIR) -> str:
     """Return the MJCF of a setting with rows, to paste into a user's model.
 
-    <option>, and <pair>s of the two geoms `pair` or, in the form "cup", limits of a tendon. Raises
-    SettingError for an option that MuJoCo does not have.
+    <option>, and <pair>s of the two geoms `pair` or, in the form "cup", limits of a tendon.
+    Raises SettingError for an option that MuJoCo does not have.
     """
     options = read_options(setting.options)
     option = f"<option {_written(option_attributes(setting))}/>"

@@ -116,8 +116,8 @@ def _at_parting(push: Push, x: float, v: float, step: float) -> float:
     then, m/s.
 
     push: acceleration apart of the contact, m/s², at (x, v); below 0 it counts as none.
-    x, v: penetration, m, and rate, m/s, at the step's start. step: s, at whose end the contact no
-    longer pushes.
+    x, v: penetration, m, and rate, m/s, at the step's start.
+    step: s, at whose end the contact no longer pushes.
     """
     low = 0.0
     high = step

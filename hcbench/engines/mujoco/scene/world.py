@@ -106,8 +106,8 @@ def record(
 ) -> tuple[Floats, Floats] | None:
     """Step b balls from their states, and read each step.
 
-    states: (b, nstate). most: of steps to take; fewer, but one at least, where the workspace has no
-    room for more.
+    states: (b, nstate).
+    most: of steps to take; fewer, but one at least, where the workspace has no room for more.
     workspace: of models that hold several balls each; its buffer, of one packed state at least, is
     overwritten.
     warm: accelerations from which MuJoCo's solver starts, (nv,) of such a model; None: from those
@@ -270,8 +270,8 @@ def _from_centre(model: SceneModel, paths: _Paths, clearance: float) -> tuple[Fl
     """Place of the balls in a cup at each step's start: the distance of their centre from that of
     the cup, m, (b, n), and the unit vector from the cup's centre to theirs, its components (b, n).
 
-    paths: states and sensors of b balls before the steps and after each of n. clearance: |R2| - R1
-    of the cup, m.
+    paths: states and sensors of b balls before the steps and after each of n.
+    clearance: |R2| - R1 of the cup, m.
     """
     touch = model.origin[model.at[0] : model.at[0] + 3]
     centre = touch + np.array([0.0, 0.0, clearance])
@@ -286,8 +286,8 @@ def _in_cup(model: SceneModel, paths: _Paths, clearance: float) -> Floats:
     Penetration is how far a ball's centre is out of the sphere in which it is free: geometry, not
     what MuJoCo reports.
 
-    paths: states and sensors of b balls before the steps and after each of n. clearance: |R2| - R1
-    of the cup, m, the radius of that sphere.
+    paths: states and sensors of b balls before the steps and after each of n.
+    clearance: |R2| - R1 of the cup, m, the radius of that sphere.
     """
     distance, deeper = _from_centre(model, paths, clearance)
     vx = paths.state(_VELOCITY, 0)

@@ -178,7 +178,8 @@ class WorldDropBench(DropBench):
         """Say whether no drop is worse than `like`. Drops end with the first that is, and that one as
         soon as it is.
 
-        target: rebound, m. seconds: of the drops that show how the robot rests.
+        target: rebound, m.
+        seconds: of the drops that show how the robot rests.
         """
         return all(self._drop_is_no_worse(like, target, seconds, drop) for drop in drops)
 
@@ -240,8 +241,8 @@ class WorldDropBench(DropBench):
         """Simulate one drop for `seconds` in a forked copy, and read how the robot lands; None where
         the drop diverges or kills its process, or the robot never touches the floor.
 
-        change: made in the copy's world before; None: no change. ends: where the drop may end
-        before its time, with what it has shown.
+        change: made in the copy's world before; None: no change.
+        ends: where the drop may end before its time, with what it has shown.
         """
 
         def dropped() -> Seen:

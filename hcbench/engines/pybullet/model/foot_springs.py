@@ -209,8 +209,11 @@ def rebound_settings(
     """Settings of a robot's feet with which its centre of mass rebounds to the target, found by
     drops of the robot; each search runs as its settings are asked for.
 
-    build: opens the world. requests: of the feet's pairs. before: the whole test of the world as it
-    is. target: the rebound, m. Raises UserError for what cannot be dropped.
+    build: opens the world.
+    requests: of the feet's pairs.
+    before: the whole test of the world as it is.
+    target: the rebound, m.
+    Raises UserError for what cannot be dropped.
     """
     search = LinkSearch(WorldDropBench(build(), requests), before, target)
 
@@ -264,8 +267,8 @@ def _setting(
 ) -> ModelSetting:
     """A spring of the feet as a setting of a user's world: notes, lines and the world with it.
 
-    request: with the step and gravity of the drops. dropped: the robot with the spring, where it
-    was dropped.
+    request: with the step and gravity of the drops.
+    dropped: the robot with the spring, where it was dropped.
     """
     calls = search.calls(spring)
     notes = [

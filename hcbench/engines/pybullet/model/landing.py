@@ -136,10 +136,12 @@ class _DropBench(WorldOverFloor):
     ) -> Landing:
         """Drop the robot once, and read how it lands.
 
-        height: of its lowest point over the floor, m. tilt: by which its base is turned, rad;
-        turn: that turn, a quaternion x y z w. drive: called before each step. phase: place of the
-        touch in a step. Raises UserError where nothing is below the robot or it meets nothing,
-        EngineFailed for a velocity that is not finite.
+        height: of its lowest point over the floor, m.
+        tilt: by which its base is turned, rad; turn: that turn, a quaternion x y z w.
+        drive: called before each step.
+        phase: place of the touch in a step.
+        Raises UserError where nothing is below the robot or it meets nothing, EngineFailed for a
+        velocity that is not finite.
         """
         for_phase = raised_for(phase, height, self.g, self.h)
         self.put(height + for_phase, turn)
@@ -148,9 +150,10 @@ class _DropBench(WorldOverFloor):
     def _fall(self, height: float, tilt: float, drive: Callable[[], None]) -> Landing:
         """Simulate a drop until WINDOW_S (s) after the first touch, and read it.
 
-        height, m, tilt, rad: of the drop, for the result. drive: called before each step. Raises
-        EngineFailed for a velocity that is not finite, UserError where nothing is met, and where
-        something is met before it falls.
+        height, m, tilt, rad: of the drop, for the result.
+        drive: called before each step.
+        Raises EngineFailed for a velocity that is not finite, UserError where nothing is met, and
+        where something is met before it falls.
         """
         latest = latest_touch(height, self.g)
         forces: list[float] = []
@@ -206,9 +209,10 @@ class _DropBench(WorldOverFloor):
         """Read the contacts with the floors in the step just taken: add it to the logs of the feet,
         and return the force on the robot, N upwards.
 
-        before: motion of the links before the step. time: since the first touch, s. feet: logs by
-        the number of the link; changed. The force is that of the contacts' normals alone, as
-        PyBullet does not tell the direction of their friction.
+        before: motion of the links before the step.
+        time: since the first touch, s.
+        feet: logs by the number of the link; changed. The force is that of the contacts' normals
+        alone, as PyBullet does not tell the direction of their friction.
         """
         # (force N, depth m, speed towards the floor, speed along it) of each point, by link.
         parts: dict[int, list[tuple[float, float, float, float]]] = {}

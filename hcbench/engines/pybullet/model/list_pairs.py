@@ -74,8 +74,8 @@ def list_pairs(world: LoadedWorld) -> list[CandidatePair]:
     """List every pair of links of two bodies of a world of which one moves; pairs that touch come
     first.
 
-    Soft bodies are left out: PyBullet does not report their contacts. Raises UserError for one file
-    alone, which has nothing to meet.
+    Soft bodies are left out: PyBullet does not report their contacts.
+    Raises UserError for one file alone, which has nothing to meet.
     """
     bullet = world.bullet
     bodies = {number: BulletBody(bullet, number) for number in bullet.bodies()}
@@ -252,7 +252,8 @@ def body_of(world: LoadedWorld, move: str) -> int:
     """Number of the body that a user names by its file or name, by a link's or by a joint's.
 
     move: "body:NAME", "joint:NAME" or "body:NUMBER". Of several with the same name the first is
-    meant. Raises UserError for a name that the world does not have.
+    meant.
+    Raises UserError for a name that the world does not have.
     """
     kind, _, name = move.partition(":")
     named = [(known, body) for _, known, (body, _) in _named_parts(world)]

@@ -168,8 +168,8 @@ class BulletAlongPlate:
 
         Also notes where the contact was seen, for `moved_with`.
 
-        contacts: of that step, as getContactPoints returns them, one or more. slip: before the
-        step, along the plate's axes, m/s, (2,).
+        contacts: of that step, as getContactPoints returns them, one or more.
+        slip: before the step, along the plate's axes, m/s, (2,).
         """
         self._seen = self._now
         # Each contact has two friction forces, N, along directions in the world.

@@ -130,8 +130,8 @@ def require_plausible(bullet: BulletClient, place: BulletPlacement) -> None:
 def _require_plausible_part(bullet: BulletClient, side: BodyPart) -> None:
     """Refuse a part of a pair whose mass, friction, restitution, inertia or size no body has.
 
-    side: the part. Raises SceneError for numbers below 0 or NaN, QuantityError for those outside
-    the bounds.
+    side: the part.
+    Raises SceneError for numbers below 0 or NaN, QuantityError for those outside the bounds.
     """
     info = bullet.getDynamicsInfo(side.body, side.link)
     for quantity, index, unit in _CHECKED:
@@ -498,8 +498,8 @@ class PybulletModel(ModelUnderTest):
         """The same world with the fixes of `suspects` made before the pair is placed.
 
         It is this world in forked copies of the process, where that is possible; else it is made
-        again. Raises UserError for a live client, on which no fix is tried, and what `__init__`
-        raises.
+        again.
+        Raises UserError for a live client, on which no fix is tried, and what `__init__` raises.
         """
         if self.build is None:
             raise UserError(
@@ -585,8 +585,8 @@ class _FixedInForks(PybulletModel):
 def open_world(source: Any, request: Request, rebuild: Callable[[], Any] | None) -> PybulletModel:
     """The model under test of a PyBullet world and the request's pair in it.
 
-    source: files (paths), a `World`, or a client. rebuild: makes the `World` or client again; None
-    where no function built it.
+    source: files (paths), a `World`, or a client.
+    rebuild: makes the `World` or client again; None where no function built it.
     Raises SceneError for files that do not load and for numbers that no body has, UserError where
     the request does not fit the world, EngineFailed where PyBullet dies.
     """
@@ -598,8 +598,8 @@ def list_pairs_of(
 ) -> list[CandidatePair]:
     """Pairs of links of a world that can meet, in the request's pose.
 
-    source: files, a `World`, or a client. rebuild: makes the world again; None where no function
-    built it.
+    source: files, a `World`, or a client.
+    rebuild: makes the world again; None where no function built it.
     Raises SceneError for files that do not load, UserError for a pose that does not fit or one file
     alone, EngineFailed where PyBullet dies.
     """

@@ -36,8 +36,8 @@ class VariedWorld(VariedContact):
     ) -> None:
         """Load the world once, to see that it can be made again.
 
-        source: files (paths), a `World`, or a client. rebuild: makes the `World` or client again;
-        None where no function built it.
+        source: files (paths), a `World`, or a client.
+        rebuild: makes the `World` or client again; None where no function built it.
         Raises UserError for a live client, and SceneError for files that do not load.
         """
         world, build = loaded(source, rebuild, request.packages)
@@ -71,8 +71,8 @@ def _set(model: PybulletModel, name: str, product: float) -> None:
     """Change the first body's restitution or friction so that its product with the second's is
     `product`; where the second's is 0, it becomes 1.
 
-    name: "restitution" or "friction". Raises UserError for bodies with maximal coordinates, whose
-    numbers PyBullet does not report.
+    name: "restitution" or "friction".
+    Raises UserError for bodies with maximal coordinates, whose numbers PyBullet does not report.
     """
     bullet = model.bullet
     first = model.place.first

@@ -299,8 +299,8 @@ def restitution_of(command: str) -> RestitutionCurve | None:
 def _side(bullet: BulletClient, side: Side) -> tuple[int, int]:
     """Body and link of one side of a pair, as numbers, which the plug-in checks.
 
-    side: a body, whose base, -1, is meant, or (body, number or name of a link). Raises SettingError
-    for a name that no link of the body has.
+    side: a body, whose base, -1, is meant, or (body, number or name of a link).
+    Raises SettingError for a name that no link of the body has.
     """
     if isinstance(side, int):
         return side, -1

@@ -306,9 +306,9 @@ def _calls(setting: Setting, pair: Pair, made: Mapping[str, str], path: str) -> 
     """Lines of Python with the calls of a setting, in an order that works: the world's, what makes
     ball and plate, what changes them, and the law's.
 
-    pair: of ball and plate, as `part_in_script` takes them. made: "ball" and "plate" -> the call
-    that makes each; {} where both exist already. path: of the plug-in, as a Python expression; unused without
-    a law.
+    pair: of ball and plate, as `part_in_script` takes them.
+    made: "ball" and "plate" -> the call that makes each; {} where both exist already.
+    path: of the plug-in, as a Python expression; unused without a law.
     """
     options = setting.options
     parts = dict(zip(PAIR, map(part_in_script, pair), strict=True))

@@ -193,8 +193,9 @@ class PybulletWorld(World):
     def release(self, launches: Sequence[Launch]) -> PybulletSimulation:
         """Put a ball where each launch starts, and the others far away, as if nothing had been before.
 
-        This ends an earlier simulation, which used the same balls. Raises EngineFailed where
-        PyBullet fails, CannotShareError for several launches of which one is oblique.
+        This ends an earlier simulation, which used the same balls.
+        Raises EngineFailed where PyBullet fails, CannotShareError for several launches of which one
+        is oblique.
         """
         oblique = any(launch.is_oblique for launch in launches)
         # Bullet's sweeps over friction depend on all balls.
@@ -219,8 +220,8 @@ class PybulletWorld(World):
     def _add_balls(self, count: int) -> None:
         """Add balls like the first to the world; balls do not collide with each other.
 
-        count: how many; 0 or less for none. Raises SettingError for a law that the step does not
-        resolve.
+        count: how many; 0 or less for none.
+        Raises SettingError for a law that the step does not resolve.
         """
         if count <= 0:
             return
@@ -307,8 +308,8 @@ class PybulletSimulation(Simulation):
     def __init__(self, world: PybulletWorld, count: int, oblique: bool) -> None:
         """Take up launches whose balls are in place.
 
-        count: of launches, which have the world's first balls. oblique: whether to record the
-        motion along the plate, too.
+        count: of launches, which have the world's first balls.
+        oblique: whether to record the motion along the plate, too.
         """
         self._world = world
         self._reads_position = count == 1
