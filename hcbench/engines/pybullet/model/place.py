@@ -409,7 +409,7 @@ def _swung_to_touch(
     other: BodyPart,
     chosen: Collection[int] | None,
 ) -> SwingingLink | None:
-    """Swing as `swing_to_touch`; where that returns None the joints stay where they came to.
+    """Return what `swing_to_touch` does; where that is None the joints stay where they came to.
 
     body: that of `moving`; its joints turn or slide.
     """
