@@ -86,7 +86,7 @@ def test_four_pushes_are_one_ball_s_by_their_impulses(tmp_path: Path) -> None:
 
 
 def test_a_sample_dropped_in_a_push_leaves_its_impulse(tmp_path: Path) -> None:
-    """In the middle of a recording its times are half a step from even ones, as rounded ones are."""
+    """In the middle of a recording its times are wrong by half a step, as rounded ones may be."""
     rate = 1000.0
     times = np.arange(400) / rate
     force = 100.0 * np.cos(np.clip((times - 0.2) / 0.011, -0.5, 0.5) * np.pi)

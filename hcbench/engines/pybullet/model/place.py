@@ -216,8 +216,8 @@ def place(
     It leaves the bodies where it moved them, also where it raises: call it by `run_aside`.
 
     coming_from: where the first comes from, a unit vector away from the second; None: the nearest
-    way. It acts on free bases alone. Bodies of several files all stand at the origin: there None
-    means from above.
+    way. It acts on free bases alone: given, no joint is tried. Bodies of several files all stand at
+    the origin: there None means from above.
     move: what is launched: "base:", "joint:NAME" or "body:NAME" of a link; None: a free base, else
     a sliding joint, else several joints.
 
@@ -225,10 +225,12 @@ def place(
     link to move, SceneError where the two start deep in each other.
     """
     bullet = world.bullet
-    by_joints = move is not None and move != "base:"
-    if by_joints and coming_from is not None:
+    by_joints = None if move == "base:" else move
+    if by_joints is not None and coming_from is not None:
         raise UserError(
-            "from", f"given with --move {move!r}", "one of the two: joints have a way of their own"
+            "from",
+            f"given with --move {by_joints!r}",
+            "one of the two: joints have a way of their own",
         )
     for part in (first, second):
         require_joints_within_limits(bullet, part.body)
@@ -236,8 +238,8 @@ def place(
     if coming_from is None and len(world.files) > 1 and first.body != second.body:
         coming_from = ABOVE
         note = "Files stand at the origin: the first body approaches from above; --from chooses."
-    if move is not None and by_joints:
-        return _chosen(bullet, first, second, move)
+    if by_joints is not None:
+        return _chosen(bullet, first, second, by_joints)
     # The first by its free base, else the second.
     for moving, other, sign in ((first, second, 1.0), (second, first, -1.0)):
         if BulletBody(bullet, moving.body).mass > 0.0 and moving.body != other.body:
@@ -407,7 +409,7 @@ def _swung_to_touch(
     other: BodyPart,
     chosen: Collection[int] | None,
 ) -> SwingingLink | None:
-    """Swing as `swing_to_touch`; where that returns None the joints stay where they came to.
+    """Return what `swing_to_touch` does; where that is None the joints stay where they came to.
 
     body: that of `moving`; its joints turn or slide.
     """
