@@ -540,8 +540,8 @@ def landing_sentences(change: LandingChange) -> list[str]:
     if change.reach is not None:
         reached = f"{1e3 * change.reach.rebound:.3g} mm"
         sentences.append(
-            f"The {change.extreme} rebound at this step without a worse landing is {reached}, of the "
-            "contacts that were tried."
+            f"The {change.extreme} at this step without a worse landing is {reached}, of the contacts "
+            "that were tried."
         )
         if not math.isnan(before.frequency):
             # A spring sags by g/ω² under the weight that it bears; mm.

@@ -92,16 +92,19 @@ class LandingChange:
 
     @property
     def extreme(self) -> str:
-        """The word for the rebound that is in `reach`: "largest" or "smallest" where it stops short
-        of the target, as seen from the model as it is; "nearest" where it lies beyond the target.
+        """The phrase for the rebound that is in `reach`: "largest rebound up to 5 mm" or "smallest
+        rebound" where it stops short of the target, as seen from the model as it is; "nearest
+        rebound" where it lies beyond the target. A search looks no farther than its target.
 
         Only for a landing with a `reach`.
         """
         assert self.reach is not None
         target = self.rebound or 0.0
         if (self.reach.rebound > target) != (self.before.rebound > target):
-            return "nearest"
-        return "largest" if self.before.rebound < target else "smallest"
+            return "nearest rebound"
+        if self.before.rebound > target:
+            return "smallest rebound"
+        return f"largest rebound up to {1e3 * target:g} mm"
 
     @property
     def is_met(self) -> bool:
@@ -121,7 +124,7 @@ class LandingChange:
                 f"a rebound of {mean:.3g} mm that varies by {spread:.2g} mm with where in a step the "
                 "contact starts (chance)"
             )
-        return f"the {self.extreme} rebound without a worse landing is {1e3 * self.reach.rebound:.3g} mm"
+        return f"the {self.extreme} without a worse landing is {1e3 * self.reach.rebound:.3g} mm"
 
 
 @dataclass(frozen=True, repr=False)

@@ -194,10 +194,8 @@ def test_a_rebound_out_of_reach_is_refused_with_the_largest_one_and_what_would_h
     record = json.loads(captured.out)["landing"]
     assert 0.02 < record["reach"]["rebound_m"] < 0.09
     assert record["reach"]["stiffer"][0]["kp_factor"] == 2.0
-    assert (
-        f"the largest rebound without a worse landing is {1e3 * record['reach']['rebound_m']:.3g} mm"
-        in captured.err
-    )
+    largest = f"{1e3 * record['reach']['rebound_m']:.3g} mm"
+    assert f"largest rebound up to 90 mm without a worse landing is {largest}" in captured.err
     assert not out.exists()
 
 
@@ -215,23 +213,23 @@ def test_what_is_no_rebound_is_refused(given: dict[str, Any], message: str) -> N
 
 
 @pytest.mark.parametrize(
-    ("was", "target", "reached", "word"),
+    ("was", "target", "reached", "phrase"),
     [
-        (0.0, 0.09, 0.03, "largest"),
-        (0.012, 0.0, 0.004, "smallest"),
-        (0.002, 0.005, 0.019, "nearest"),
-        (0.012, 0.005, 0.002, "nearest"),
+        (0.0, 0.09, 0.03, "largest rebound up to 90 mm"),
+        (0.012, 0.0, 0.004, "smallest rebound"),
+        (0.002, 0.005, 0.019, "nearest rebound"),
+        (0.012, 0.005, 0.002, "nearest rebound"),
     ],
 )
 def test_a_refusal_names_the_end_of_what_is_possible_on_the_side_of_the_target(
-    was: float, target: float, reached: float, word: str
+    was: float, target: float, reached: float, phrase: str
 ) -> None:
     landing = tuned(rebound=0.02).landing
     assert landing is not None
     before = dataclasses.replace(landing.before, rebound=was)
     change = LandingChange(before, before, target, Reach(reached))
-    said = f"the {word} rebound without a worse landing is {1e3 * reached:g} mm"
-    assert (change.extreme, change.misses) == (word, said)
+    said = f"the {phrase} without a worse landing is {1e3 * reached:g} mm"
+    assert (change.extreme, change.misses) == (phrase, said)
 
 
 def test_a_rigid_body_has_no_rebound_beside_its_e() -> None:

@@ -168,7 +168,7 @@ def test_a_rebound_out_of_reach_is_refused_with_the_largest_one(files: tuple[str
     assert found.landing is not None
     assert found.landing.reach is not None
     assert 2e-3 < found.landing.reach.rebound < 0.05
-    assert "largest rebound without a worse landing" in found.no_gain
+    assert "largest rebound up to 50 mm without a worse landing" in found.no_gain
 
 
 @long_search
