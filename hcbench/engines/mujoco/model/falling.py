@@ -117,12 +117,9 @@ class Base:
         self._tilt_held(model, data, turn)
         if kind == int(mujoco.mjtJoint.mjJNT_FREE):
             address += 3
-        attitude = data.qpos[address : address + 4]
         if kind == int(mujoco.mjtJoint.mjJNT_BALL):
             turn = _in_frame_of_ball(model, data, joint, turn)
-        turned = np.zeros(4)
-        mujoco.mju_mulQuat(turned, turn, attitude.copy())
-        attitude[:] = turned
+        _turn(data.qpos[address : address + 4], turn)
 
     def _tilt_held(self, model: Any, data: Any, turn: Floats) -> None:
         """Turn what the tree holds about the anchor of the joint by which it tilts.
@@ -138,10 +135,14 @@ class Base:
             arm = np.zeros(3)
             mujoco.mju_rotVecQuat(arm, place - anchor, turn)
             place[:] = anchor + arm
-            attitude = data.qpos[address + 3 : address + 7]
-            turned = np.zeros(4)
-            mujoco.mju_mulQuat(turned, turn, attitude.copy())
-            attitude[:] = turned
+            _turn(data.qpos[address + 3 : address + 7], turn)
+
+
+def _turn(attitude: Floats, turn: Floats) -> None:
+    """Turn an attitude, a quaternion w x y z, (4,), in place: it becomes turn * attitude."""
+    turned = np.zeros(4)
+    backend().mju_mulQuat(turned, turn, attitude)
+    attitude[:] = turned
 
 
 def _in_frame_of_ball(model: Any, data: Any, joint: int, turn: Floats) -> Floats:
